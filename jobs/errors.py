@@ -1,0 +1,99 @@
+"""Errors of the job queue.
+
+    MatiereError (matiere.errors)
+    +- JobsError
+       +- JobNotFound          not_found            no such job, sweep or artifact
+       +- NotReadyYet          not_ready            the artifact is still being made
+       +- AssetMissing         asset_missing        a named asset has not been uploaded
+       +- AssetMismatch        asset_mismatch       uploaded bytes do not have the named digest
+       +- IdempotencyConflict  idempotency_conflict same key, other request
+       +- DataDirLocked        data_dir_locked      another process owns the data directory
+       +- StoreError           store_error          the database refuses or is newer than the program
+       |  +- DiskFull          disk_full            no space for the database or an artifact
+       +- Draining             draining             the engine is stopping and takes no new work
+       +- IllegalTransition    illegal_transition   a state change outside the table in `job.py`
+"""
+
+from __future__ import annotations
+
+from matiere.errors import MatiereError
+
+
+class JobsError(MatiereError):
+    """Root of all errors raised by `matiere.jobs`."""
+
+    default_code = "jobs_error"
+
+    def __init__(self, message: str, pointer: str = "") -> None:
+        """Keep message and JSON pointer under this class's code."""
+        super().__init__(self.default_code, message, pointer)
+
+
+class JobNotFound(JobsError):
+    """No job, sweep or artifact has this name."""
+
+    default_code = "not_found"
+
+
+class NotReadyYet(JobsError):
+    """The artifact does not exist yet because its job has not ended."""
+
+    default_code = "not_ready"
+
+
+class AssetMissing(JobsError):
+    """A file named in the scene is not in the store."""
+
+    default_code = "asset_missing"
+
+
+class AssetMismatch(JobsError):
+    """The bytes of an uploaded asset do not hash to the digest it was sent under."""
+
+    default_code = "asset_mismatch"
+
+
+class IdempotencyConflict(JobsError):
+    """An idempotency key was used before with another request."""
+
+    default_code = "idempotency_conflict"
+
+
+class DataDirLocked(JobsError):
+    """Another process owns the data directory; `url` and `pid` name it."""
+
+    default_code = "data_dir_locked"
+
+    def __init__(self, path: str, url: str | None, pid: int | None) -> None:
+        """Say which process holds the directory and what to do."""
+        who = f"process {pid}" if pid else "another process"
+        where = f" serving {url}" if url else ""
+        super().__init__(
+            f"data directory {path} is in use by {who}{where}; "
+            "talk to that server, stop it, or choose another --data"
+        )
+        self.path, self.url, self.pid = path, url, pid
+
+
+class StoreError(JobsError):
+    """The job database cannot be used."""
+
+    default_code = "store_error"
+
+
+class DiskFull(StoreError):
+    """There is no space left for the database or an artifact."""
+
+    default_code = "disk_full"
+
+
+class Draining(JobsError):
+    """The engine is stopping and takes no new work."""
+
+    default_code = "draining"
+
+
+class IllegalTransition(JobsError):
+    """A state change that the transition table does not allow."""
+
+    default_code = "illegal_transition"

@@ -1,0 +1,168 @@
+"""The values of the queue: job, sweep, artifact, event, and the legal state changes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any
+
+from matiere.jobs.errors import IllegalTransition
+
+JsonDict = dict[str, Any]
+
+MIN_PRIORITY, DEFAULT_PRIORITY, MAX_PRIORITY = 0, 50, 100
+
+
+class JobState(StrEnum):
+    """Where a job stands. `succeeded`, `failed`, `cancelled` and `expired` are final."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+    EXPIRED = "expired"
+
+    @property
+    def final(self) -> bool:
+        """Tell whether no change can follow."""
+        return not TRANSITIONS[self]
+
+
+TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
+    JobState.QUEUED: frozenset(
+        {
+            JobState.RUNNING,
+            JobState.SUCCEEDED,  # a cache hit needs no rendering
+            JobState.FAILED,
+            JobState.CANCELLED,
+            JobState.EXPIRED,
+        }
+    ),
+    JobState.RUNNING: frozenset(
+        {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED}
+    ),
+    JobState.SUCCEEDED: frozenset(),
+    JobState.FAILED: frozenset(),
+    JobState.CANCELLED: frozenset(),
+    JobState.EXPIRED: frozenset(),
+}
+
+LIVE_STATES = tuple(s for s in JobState if TRANSITIONS[s])
+
+
+def check_transition(old: JobState, new: JobState) -> None:
+    """Raise IllegalTransition unless `old -> new` is in the table."""
+    if new not in TRANSITIONS[old]:
+        raise IllegalTransition(f"a {old.value} job cannot become {new.value}")
+
+
+@dataclass(frozen=True)
+class JobError:
+    """Why a job failed: class (`kind`), message, JSON pointer and the tail of the child's log."""
+
+    code: str
+    message: str
+    pointer: str = ""
+    log_tail: str = ""
+
+
+@dataclass(frozen=True)
+class Job:
+    """One requested image and how far it is."""
+
+    id: str
+    state: JobState
+    label: str
+    priority: int
+    stop: JsonDict  # {"spp": int|None, "seconds": float|None, "target_error": {"relmse": x}|None}
+    width: int
+    height: int
+    film_key: str
+    cached: bool  # the stored film already met the stop rule: nothing was rendered for this job
+    created: float  # Unix seconds
+    started: float | None
+    finished: float | None
+    spp: int  # merged samples per pixel; final once the job has ended
+    progress: float  # 0..1, 1 only when ended
+    seconds: float  # render seconds of the film so far (children's wall time)
+    relmse: float | None  # newest estimate; None while unknown
+    relmse_interval: tuple[float, float] | None  # its 95 % interval
+    stop_reason: str | None  # "spp", "seconds", "target_error", once ended
+    error: JobError | None
+    sweep_id: str | None
+    cell: int | None  # index within the sweep
+    parameters: JsonDict  # axis label -> value, for a sweep cell
+    artifacts: tuple[str, ...]  # kinds ready to fetch, see ARTIFACT_MEDIA_TYPES
+
+
+@dataclass(frozen=True)
+class Sweep:
+    """A base scene, its axes, and the counts of its cells by state."""
+
+    id: str
+    label: str
+    mode: str  # "grid" | "zip"
+    axes: list[JsonDict]
+    cells: int
+    counts: dict[str, int]  # every JobState value -> number of cells
+    created: float
+    finished: float | None
+    columns: int  # of the contact sheet
+    artifacts: tuple[str, ...]
+
+    @property
+    def done(self) -> bool:
+        """Tell whether every cell has ended."""
+        return sum(n for s, n in self.counts.items() if JobState(s).final) == self.cells
+
+
+ARTIFACT_MEDIA_TYPES: Mapping[str, tuple[str, str]] = {
+    # kind -> (media type, file name ending)
+    "image.png": ("image/png", ".png"),
+    "image.exr": ("image/x-exr", ".exr"),
+    "report.json": ("application/json", ".json"),
+    "error.svg": ("image/svg+xml", ".svg"),
+    "contact-sheet.png": ("image/png", ".png"),
+    "film": ("application/octet-stream", ".film"),
+}
+
+
+@dataclass(frozen=True)
+class Artifact:
+    """An immutable content-addressed file."""
+
+    kind: str
+    digest: str  # SHA-256 of the bytes, lower-case hex
+    size: int  # bytes
+    path: str
+    media_type: str
+
+
+@dataclass(frozen=True)
+class Event:
+    """One line of history; `seq` rises strictly, with no repeats."""
+
+    seq: int
+    time: float
+    kind: str  # "queued", "running", "progress", "look", "succeeded", "failed", "cancelled", ...
+    job_id: str | None
+    sweep_id: str | None
+    data: JsonDict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of a readiness answer."""
+
+    ok: bool
+    detail: str
+
+
+@dataclass(frozen=True)
+class Readiness:
+    """Whether the engine takes and does work, and what each check says."""
+
+    ready: bool
+    checks: dict[str, Check]
