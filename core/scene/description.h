@@ -1,0 +1,97 @@
+// Plain data of everything a render needs: the only input of the core. Names are resolved, defaults
+// filled, files read and positions recentred before this point.
+#pragma once
+
+#include <array>
+#include <cstdint>
+#include <optional>
+#include <string>
+#include <variant>
+#include <vector>
+
+#include "base/spectrum.h"
+#include "base/vec.h"
+#include "film/filter.h"
+#include "material/description.h"
+
+namespace matiere {
+
+struct FilmDescription {
+    int width = 256, height = 256;
+    Filter filter;
+    /// Pixel window [x0, y0, x1, y1) that is rendered; the whole film where absent. Pixels inside a
+    /// crop have the values they have in the whole film.
+    std::optional<std::array<int, 4>> crop;
+};
+
+enum class CameraType { kPinhole, kThinLens };
+
+/// Lengths in metres; vfov is the full vertical angle.
+struct CameraDescription {
+    CameraType type = CameraType::kPinhole;
+    Vec3d origin{0, 0, 1}, target{0, 0, 0}, up{0, 1, 0};
+    double vfov_deg = 45;
+    double aperture_radius = 0;
+    double focus_distance = 1;
+};
+
+struct MeshDescription {
+    std::vector<float> positions;          ///< 3 per vertex
+    std::vector<std::uint32_t> triangles;  ///< 3 per triangle, counter-clockwise seen from outside
+    std::vector<float> normals;            ///< 3 per vertex, or empty
+    std::vector<float> uv;                 ///< 2 per vertex, or empty
+    int material = 0;
+    std::string name;
+    std::string pointer;
+};
+
+struct SphereDescription {
+    Vec3f center;
+    float radius = 1;
+    int material = 0;
+    std::string pointer;
+};
+
+/// Emits along edge_u x edge_v; radiance in W/m^2/sr. Black and opaque from behind.
+struct RectangleLightDescription {
+    Vec3f corner, edge_u, edge_v;
+    Spectrumf radiance;
+    std::string pointer;
+};
+
+/// Radiant intensity in W/sr.
+struct PointLightDescription {
+    Vec3f position;
+    Spectrumf intensity;
+};
+
+/// `direction` is where the light travels; irradiance in W/m^2 on a surface facing it.
+struct DirectionalLightDescription {
+    Vec3f direction;
+    Spectrumf irradiance;
+};
+
+using LightDescription =
+    std::variant<RectangleLightDescription, PointLightDescription, DirectionalLightDescription>;
+
+/// Lat-long radiance map: row 0 is +y, the centre column looks along -z, u grows to the right seen
+/// from inside. A 1 x 1 map is the constant environment.
+struct EnvironmentDescription {
+    int width = 0, height = 0;
+    std::vector<float> pixels;  ///< 3 per pixel
+    double rotation_deg = 0;    ///< about +y, right-handed
+    double scale = 1;
+};
+
+struct RenderDescription {
+    FilmDescription film;
+    CameraDescription camera;
+    std::vector<ImageDescription> textures;
+    std::vector<MaterialDescription> materials;
+    std::vector<MeshDescription> meshes;
+    std::vector<SphereDescription> spheres;
+    std::vector<LightDescription> lights;
+    std::optional<EnvironmentDescription> environment;
+};
+
+}  // namespace matiere
