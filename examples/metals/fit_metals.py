@@ -134,7 +134,7 @@ def section(text: str, heading: str) -> str:
     if match is None:
         return ""
     plain = re.sub(r'<a href="([^"]*)">(.*?)</a>', r"\2, \1", match.group(1), flags=re.DOTALL)
-    return " ".join(html.unescape(re.sub(r"<[^>]+>", "", plain)).split()).strip("\\\" ")
+    return " ".join(html.unescape(re.sub(r"<[^>]+>", "", plain)).split()).strip('\\" ')
 
 
 def on_arc(f0: float, t: Array) -> tuple[Array, Array]:
@@ -178,10 +178,14 @@ def bisect(f0: float, f82: float, low: float, high: float) -> tuple[float, float
 
 
 def log_distance(pair: tuple[float, float], near: tuple[float, float]) -> float:
-    """Distance in (ln eta, ln k); k below 1e-3 counts as 1e-3."""
+    """Distance in (0.1 ln eta, ln k); k below 1e-3 counts as 1e-3.
+
+    The arc fixes eta to within its two ends once k is chosen, so k decides and eta tells the ends
+    apart.
+    """
     a = np.log([pair[0], max(pair[1], 1e-3)])
     b = np.log([near[0], max(near[1], 1e-3)])
-    return float(np.hypot(*(a - b)))
+    return float(np.hypot(0.1 * (a[0] - b[0]), a[1] - b[1]))
 
 
 def fit_metal(metal: Metal, folder: Path, weights: Array) -> dict[str, Any]:
