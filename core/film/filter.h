@@ -1,0 +1,46 @@
+// Reconstruction filters, sampled in proportion to their value: every sample then has weight 1 and
+// pixels stay independent of each other, as the error bar needs (Shirley et al., Ernst et al. 2006).
+#pragma once
+
+#include <array>
+#include <string_view>
+#include <vector>
+
+#include "base/vec.h"
+
+namespace matiere {
+
+enum class FilterKind { kBox, kTent, kGaussian, kBlackmanHarris };
+
+inline constexpr std::array<std::string_view, 4> kFilterNames = {"box", "tent", "gaussian",
+                                                                 "blackman_harris"};
+
+/// A separable, positive, symmetric filter of half width `radius` pixels.
+class Filter {
+ public:
+    static constexpr float kMaxRadius = 16.0F;
+
+    /// `radius` <= 0 takes the usual one: box 0.5, tent 1, gaussian 1.5 (sigma = radius / 3),
+    /// blackman_harris 1.5 pixels. Throws SceneError for an unknown name or a radius above 16.
+    explicit Filter(std::string_view name = "gaussian", float radius = 0.0F);
+
+    FilterKind kind() const { return kind_; }
+    float radius() const { return radius_; }
+
+    /// Offset from the pixel centre, in pixels, for uniform u in [0,1)^2; monotone in each u.
+    Vec2f sample(Vec2f u) const { return {sample_1d(u.x), sample_1d(u.y)}; }
+
+    /// Normalised density of one axis at offset x, per pixel.
+    double density(double x) const;
+
+ private:
+    float sample_1d(float u) const;
+    void tabulate();
+
+    FilterKind kind_;
+    float radius_;
+    double norm_ = 1.0;
+    std::vector<float> cdf_;  ///< of |x| / radius at kCells + 1 even steps; empty for box and tent
+};
+
+}  // namespace matiere
