@@ -106,7 +106,8 @@ def channel_weights() -> Array:
     light = np.interp(WAVELENGTHS_NM, illuminant.wavelengths, illuminant.values)
     xyz = cmf * light
     xyz /= xyz[1].sum()
-    return xyz_to_rec709(xyz.sum(axis=1)) @ xyz
+    weights: Array = xyz_to_rec709(xyz.sum(axis=1)) @ xyz
+    return weights
 
 
 def xyz_to_rec709(white: Array) -> Array:
