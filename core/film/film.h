@@ -1,0 +1,128 @@
+// The film: per pixel and replicate four double sums (linear R, G, B, alpha), and what it cost.
+// Chunks are added tile by tile in plan order as a left fold in double, so the sums of a given spp
+// have the same bits for any number of threads, processes, kills and restarts.
+#pragma once
+
+#include <cstddef>
+#include <cstdint>
+#include <span>
+#include <vector>
+
+#include "base/guard.h"
+#include "film/plan.h"
+
+namespace matiere {
+
+inline constexpr int kFilmChannels = 4;  ///< R, G, B, alpha
+
+/// What rendering cost; summed with the samples, no part of their bits.
+struct Work {
+    Counters counters;
+    double cpu_s = 0.0;   ///< thread CPU clock
+    double wall_s = 0.0;  ///< pass loop only: chunks do not know it
+
+    Work& operator+=(const Work& b) {
+        counters += b.counters;
+        cpu_s += b.cpu_s;
+        wall_s += b.wall_s;
+        return *this;
+    }
+};
+
+/// The sums of one chunk, starting from zero.
+class ChunkFilm {
+ public:
+    ChunkFilm(const Plan& plan, std::uint32_t index);
+
+    const Plan& plan() const { return plan_; }
+    const Chunk& chunk() const { return chunk_; }
+    Work& work() { return work_; }
+    const Work& work() const { return work_; }
+
+    /// Adds sample s (in the chunk's range) of the pixel at (x, y) inside the tile.
+    void add(int x, int y, std::uint64_t s, const double (&value)[kFilmChannels]) {
+        const auto r = std::size_t(s % std::uint64_t(plan_.replicates()));
+        const std::size_t pixel =
+            std::size_t(y) * std::size_t(chunk_.width()) + std::size_t(x);
+        double* sum = &sums_[(r * counts_.size() + pixel) * kFilmChannels];
+        for (int c = 0; c < kFilmChannels; ++c) sum[c] += value[c];
+        ++counts_[pixel];
+    }
+
+    std::span<const double> sums() const { return sums_; }  ///< [replicate][y][x][channel]
+    std::span<const std::uint32_t> counts() const { return counts_; }
+
+    /// Self-describing little-endian bytes with a CRC-64 at the end.
+    std::vector<std::byte> to_bytes() const;
+    /// Throws SceneError in words when the bytes are damaged, cut short or of another version.
+    static ChunkFilm from_bytes(std::span<const std::byte> bytes);
+
+ private:
+    Plan plan_;
+    Chunk chunk_;
+    std::vector<double> sums_;
+    std::vector<std::uint32_t> counts_;
+    Work work_;
+};
+
+class Film {
+ public:
+    Film(int width, int height, int replicates);
+
+    const Plan& plan() const { return plan_; }
+    int width() const { return plan_.width(); }
+    int height() const { return plan_.height(); }
+    int replicates() const { return plan_.replicates(); }
+    std::size_t pixels() const { return counts_.size(); }
+    Work& work() { return work_; }
+    const Work& work() const { return work_; }
+    /// True when films of several seeds were merged: no chunk can follow.
+    bool merged() const { return merged_; }
+
+    /// Samples every pixel has at least.
+    std::uint64_t spp() const;
+    /// Index of the next chunk of this tile.
+    std::uint32_t next_chunk(int tile) const;
+    /// Adds the next chunk of a tile; throws SceneError for any other chunk, leaving the film as is.
+    void add(const ChunkFilm& chunk);
+    /// Adds a film of other seeds, replicate by replicate: the replicates stay independent and
+    /// alike. Sizes and replicates must agree. The caller vouches that no seed occurs twice.
+    void merge(const Film& other);
+
+    std::span<const double> sums() const { return sums_; }  ///< [replicate][y][x][channel]
+    std::span<double> sums() { return sums_; }
+    std::span<const std::uint32_t> counts() const { return counts_; }  ///< [y][x]
+
+    /// Mean of one replicate, or of all with r = -1; zeros where there is no sample.
+    double mean(std::size_t pixel, int channel, int r) const {
+        const double n = double(counts_[pixel]);
+        if (n == 0.0) return 0.0;
+        if (r >= 0) return sum(r, pixel, channel) * double(replicates()) / n;
+        double total = 0.0;
+        for (int i = 0; i < replicates(); ++i) total += sum(i, pixel, channel);
+        return total / n;
+    }
+
+    std::vector<std::byte> to_bytes() const;
+    static Film from_bytes(std::span<const std::byte> bytes);
+
+    static std::size_t bytes_per_pixel(int replicates) {
+        return std::size_t(replicates) * kFilmChannels * sizeof(double) + sizeof(std::uint32_t);
+    }
+
+ private:
+    double sum(int r, std::size_t pixel, int channel) const {
+        return sums_[(std::size_t(r) * counts_.size() + pixel) * kFilmChannels +
+                     std::size_t(channel)];
+    }
+    std::uint64_t tile_spp(int tile) const;
+    void check_counts() const;
+
+    Plan plan_;
+    std::vector<double> sums_;
+    std::vector<std::uint32_t> counts_;
+    Work work_;
+    bool merged_ = false;
+};
+
+}  // namespace matiere

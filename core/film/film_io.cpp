@@ -1,0 +1,214 @@
+// Byte forms of chunks and films: fixed header, cost, counts, sums, CRC-64 (ECMA-182, reflected).
+#include <array>
+#include <bit>
+#include <cstring>
+#include <string>
+#include <type_traits>
+
+#include "base/error.h"
+#include "film/counter_fields.h"
+#include "film/film.h"
+
+namespace matiere {
+namespace {
+
+static_assert(std::endian::native == std::endian::little);
+
+constexpr std::uint64_t kChunkMagic = 0x314b4e4843544d89ULL;  // 0x89 "MTCHNK1"
+constexpr std::uint64_t kFilmMagic = 0x314d4c4946544d89ULL;   // 0x89 "MTFILM1"
+constexpr std::uint32_t kByteVersion = 1;
+
+constexpr std::array<std::uint64_t, 256> make_crc_table() {
+    std::array<std::uint64_t, 256> table{};
+    for (std::uint64_t i = 0; i < 256; ++i) {
+        std::uint64_t crc = i;
+        for (int bit = 0; bit < 8; ++bit)
+            crc = (crc >> 1) ^ ((crc & 1) != 0 ? 0xc96c5795d7870f42ULL : 0);
+        table[i] = crc;
+    }
+    return table;
+}
+
+std::uint64_t crc64(std::span<const std::byte> bytes) {
+    static constexpr auto kTable = make_crc_table();
+    std::uint64_t crc = ~std::uint64_t(0);
+    for (const std::byte b : bytes)
+        crc = kTable[(crc ^ std::uint64_t(b)) & 0xff] ^ (crc >> 8);
+    return ~crc;
+}
+
+[[noreturn]] void damaged(const std::string& why) {
+    throw SceneError("damaged_film", "the film bytes are damaged: " + why);
+}
+
+class Writer {
+ public:
+    explicit Writer(std::size_t expected) { bytes_.reserve(expected); }
+
+    template <class T>
+    void put(const T& value) {
+        put_all(std::span<const T>(&value, 1));
+    }
+    template <class T>
+    void put_all(std::span<const T> values) {
+        static_assert(std::is_trivially_copyable_v<T>);
+        const auto raw = std::as_bytes(values);
+        bytes_.insert(bytes_.end(), raw.begin(), raw.end());
+    }
+    std::vector<std::byte> finish() {
+        put(crc64(bytes_));
+        return std::move(bytes_);
+    }
+
+ private:
+    std::vector<std::byte> bytes_;
+};
+
+class Reader {
+ public:
+    Reader(std::span<const std::byte> bytes, std::uint64_t magic) : bytes_(bytes) {
+        if (bytes.size() < 3 * sizeof(std::uint64_t)) damaged("they are cut short");
+        if (get<std::uint64_t>() != magic) damaged("they do not begin as a film or chunk does");
+        const auto version = get<std::uint32_t>();
+        if (version > kByteVersion)
+            throw SceneError("newer_film", "the film was written by a newer matiere (format " +
+                                               std::to_string(version) + ", this one reads " +
+                                               std::to_string(kByteVersion) + ")");
+        std::uint64_t stored = 0;
+        const std::size_t body = bytes.size() - sizeof stored;
+        std::memcpy(&stored, bytes.data() + body, sizeof stored);
+        if (stored != crc64(bytes.first(body))) damaged("the checksum does not match");
+        bytes_ = bytes.first(body);
+    }
+
+    template <class T>
+    T get() {
+        T value{};
+        get_all(std::span<T>(&value, 1));
+        return value;
+    }
+    template <class T>
+    void get_all(std::span<T> values) {
+        static_assert(std::is_trivially_copyable_v<T>);
+        const std::size_t size = values.size_bytes();
+        if (bytes_.size() - at_ < size) damaged("they are cut short");
+        if (size > 0) std::memcpy(values.data(), bytes_.data() + at_, size);
+        at_ += size;
+    }
+    std::size_t left() const { return bytes_.size() - at_; }
+    void end() const {
+        if (left() != 0) damaged("there are bytes after the end");
+    }
+
+ private:
+    std::span<const std::byte> bytes_;
+    std::size_t at_ = 0;
+};
+
+void put_head(Writer& out, std::uint64_t magic, const Plan& plan) {
+    out.put(magic);
+    out.put(kByteVersion);
+    for (const int n : {Plan::kVersion, plan.width(), plan.height(), plan.replicates()})
+        out.put(std::int32_t(n));
+}
+
+Plan get_plan(Reader& in) {
+    const auto version = in.get<std::int32_t>();
+    if (version != Plan::kVersion)
+        throw SceneError("other_plan", "the film follows chunk plan version " +
+                                           std::to_string(version) + ", this matiere version " +
+                                           std::to_string(Plan::kVersion));
+    const auto width = in.get<std::int32_t>();
+    const auto height = in.get<std::int32_t>();
+    const auto replicates = in.get<std::int32_t>();
+    const Plan plan(width, height, replicates);
+    return plan;
+}
+
+void put_work(Writer& out, const Work& work) {
+    out.put(work.cpu_s);
+    out.put(work.wall_s);
+    for_each_counter(work.counters, [&](std::string_view, std::uint64_t n) { out.put(n); });
+    out.put(std::uint64_t(work.counters.rejected.size()));
+    for (const auto& row : work.counters.rejected)
+        out.put_all(std::span<const std::uint64_t>(row));
+}
+
+Work get_work(Reader& in) {
+    Work work;
+    work.cpu_s = in.get<double>();
+    work.wall_s = in.get<double>();
+    for_each_counter(work.counters,
+                     [&](std::string_view, std::uint64_t& n) { n = in.get<std::uint64_t>(); });
+    const auto rows = in.get<std::uint64_t>();
+    if (rows > in.left() / sizeof(work.counters.rejected[0])) damaged("they are cut short");
+    work.counters.rejected.resize(rows);
+    for (auto& row : work.counters.rejected) in.get_all(std::span<std::uint64_t>(row));
+    return work;
+}
+
+}  // namespace
+
+std::vector<std::byte> ChunkFilm::to_bytes() const {
+    Writer out(sums_.size() * sizeof(double) + counts_.size() * sizeof(std::uint32_t) + 4096);
+    put_head(out, kChunkMagic, plan_);
+    out.put(chunk_.index);
+    put_work(out, work_);
+    out.put_all(counts());
+    out.put_all(sums());
+    return out.finish();
+}
+
+ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
+    Reader in(bytes, kChunkMagic);
+    const Plan plan = get_plan(in);
+    ChunkFilm part(plan, in.get<std::uint32_t>());
+    part.work_ = get_work(in);
+    in.get_all(std::span<std::uint32_t>(part.counts_));
+    in.get_all(std::span<double>(part.sums_));
+    in.end();
+    const std::uint64_t expected = part.chunk_.s1 - part.chunk_.s0;
+    for (const auto n : part.counts_)
+        if (n != expected) damaged("a sample count is not that of the chunk");
+    return part;
+}
+
+std::vector<std::byte> Film::to_bytes() const {
+    Writer out(sums_.size() * sizeof(double) + counts_.size() * sizeof(std::uint32_t) + 4096);
+    put_head(out, kFilmMagic, plan_);
+    out.put(std::uint32_t(merged_));
+    put_work(out, work_);
+    out.put_all(counts());
+    out.put_all(std::span<const double>(sums_));
+    return out.finish();
+}
+
+Film Film::from_bytes(std::span<const std::byte> bytes) {
+    Reader in(bytes, kFilmMagic);
+    const Plan plan = get_plan(in);
+    const auto merged = in.get<std::uint32_t>();
+    Work work = get_work(in);
+    const std::size_t pixels = std::size_t(plan.width()) * std::size_t(plan.height());
+    if (in.left() != pixels * bytes_per_pixel(plan.replicates())) damaged("their length is wrong");
+    Film film(plan.width(), plan.height(), plan.replicates());
+    film.merged_ = merged != 0;
+    film.work_ = std::move(work);
+    in.get_all(std::span<std::uint32_t>(film.counts_));
+    in.get_all(std::span<double>(film.sums_));
+    film.check_counts();
+    return film;
+}
+
+void Film::check_counts() const {
+    for (int tile = 0; tile < plan_.tiles(); ++tile) {
+        const Chunk c = plan_.chunk(std::uint32_t(tile));
+        const std::uint64_t spp = tile_spp(tile);
+        if (!merged_ && plan_.round_up(spp) != spp) damaged("a sample count is not on the plan");
+        for (int y = c.y0; y < c.y1; ++y)
+            for (int x = c.x0; x < c.x1; ++x)
+                if (counts_[std::size_t(y) * std::size_t(width()) + std::size_t(x)] != spp)
+                    damaged("the sample counts of a tile differ");
+    }
+}
+
+}  // namespace matiere
