@@ -15,13 +15,14 @@ enum class Reject : std::uint8_t {
     kNonFiniteEmission,  ///< light radiance that is NaN or infinite
     kNonFiniteRadiance,  ///< the finished path sum is NaN or infinite
     kNegativeRadiance,   ///< the finished path sum is below zero
+    kSideMismatch,       ///< a sample above the shading but below the geometric horizon (absorbed)
     kCount
 };
 
 inline constexpr int kRejectCauses = int(Reject::kCount);
 inline constexpr std::array<std::string_view, kRejectCauses> kRejectNames = {
     "non_finite_sample", "non_finite_eval", "non_finite_emission", "non_finite_radiance",
-    "negative_radiance"};
+    "negative_radiance", "side_mismatch"};
 
 /// Plain counters of one chunk; summed when chunks are merged. Never touched by two threads.
 struct Counters {

@@ -1,0 +1,29 @@
+// A material as the scene gives it: names and values, not yet checked against the model's table.
+#pragma once
+
+#include <array>
+#include <map>
+#include <string>
+#include <variant>
+
+namespace matiere {
+
+struct TextureRef {
+    int index = -1;  ///< into the scene's TextureTable
+    bool operator==(const TextureRef&) const = default;
+};
+
+/// A number, a linear Rec.709 colour, a word (enum), a flag, or a texture.
+using ParamValue = std::variant<double, std::array<double, 3>, std::string, bool, TextureRef>;
+
+struct MaterialDescription {
+    std::string type;  ///< a model name of models.h
+    std::map<std::string, ParamValue> params;
+    ParamValue emission = 0.0;  ///< radiance [W/m^2/sr]; number, colour or texture
+    bool two_sided = true;      ///< opaque models: scatter on both sides; else the back is black
+    int priority = 0;           ///< interiors: the higher priority wins where two overlap
+    std::string name;
+    std::string pointer;  ///< JSON pointer of the material, prefix of every error
+};
+
+}  // namespace matiere

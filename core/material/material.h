@@ -1,0 +1,86 @@
+// Materials in the world: the table of a scene's materials and `Bsdf`, the scattering of one hit.
+// The only place that turns world directions into local ones, keeps shading and geometric sides
+// apart, and rejects what is not finite, counting why.
+#pragma once
+
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "base/frame.h"
+#include "base/guard.h"
+#include "material/bsdf.h"
+#include "material/record.h"
+#include "material/surface_point.h"
+
+namespace matiere {
+
+/// Plain facts that may be read without a hit.
+struct MaterialRecord {
+    bool two_sided = true;      ///< scatters on both sides (interfaces always do)
+    bool has_interior = false;  ///< bounds a medium; takes part in the interior stack
+    bool emissive = false;
+    bool delta_only = false;  ///< every lobe is a delta: connecting to lights is useless
+    int priority = 0;
+    float eta_interior = 1.0F;       ///< index of the medium inside
+    Spectrumf sigma_a;               ///< absorption of the medium inside [1/m]
+    Spectrumf emission;              ///< emitted radiance; the texture's mean where textured
+    int emission_texture = -1;       ///< -1: constant
+    std::uint32_t features = 0;      ///< ModelFeature bits
+    std::uint8_t lobes = 0;          ///< Lobe bits; all that may occur where textured
+    ModelRecipe<float> recipe;
+};
+
+/// Built once, then immutable and shared by all threads. Keeps a pointer to `textures`.
+class MaterialTable {
+ public:
+    /// Throws SceneError with the JSON pointer of the bad value.
+    MaterialTable(const std::vector<MaterialDescription>& descriptions,
+                  const TextureTable& textures);
+
+    int size() const { return int(records_.size()); }
+    const MaterialRecord& operator[](int i) const { return records_[std::size_t(i)]; }
+    const TextureTable& textures() const { return *textures_; }
+    /// Emitted radiance at a point [W/m^2/sr].
+    Spectrumf emission(int material, Vec2f uv) const;
+
+ private:
+    std::vector<MaterialRecord> records_;
+    const TextureTable* textures_;
+    std::unique_ptr<TableStore<float>> tables_;
+};
+
+/// The scattering of one hit. Made for one wo; small, no heap, no virtual calls.
+class Bsdf {
+ public:
+    /// `wo` is the unit world direction to the viewer; `eta_rel` the index of the medium on the
+    /// other side over that on the side of wo, read by interfaces only.
+    Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, Vec3f wo,
+         float eta_rel);
+
+    /// f |cos| and pdf for world directions. Zero where geometric and shading sides disagree, so
+    /// that no light leaks through. What is not finite is zeroed and counted.
+    BsdfEval<float> eval(Vec3f wo, Vec3f wi, Counters& counters) const;
+    /// The same, uncounted: what is not finite is returned as it is, for the caller to count.
+    BsdfEval<float> eval(Vec3f wo, Vec3f wi) const;
+
+    /// A world direction, or nothing where the sample is absorbed or rejected. u.x picks the lobe.
+    std::optional<BsdfSample<float>> sample(Vec3f wo, Vec3f u, Counters& counters) const;
+
+    std::uint8_t lobes() const;
+    bool is_delta() const { return (lobes() & (kDiffuse | kGlossy)) == 0; }
+    /// The shading frame, its normal on the side of wo.
+    const Framef& frame() const { return frame_; }
+
+ private:
+    const AnyModel<float>& model() const { return constant_ ? *constant_ : own_; }
+
+    Framef frame_;
+    Vec3f n_g_;                                 // on the side of wo
+    const AnyModel<float>* constant_ = nullptr; // null: own_
+    AnyModel<float> own_;
+    int material_;
+    bool black_ = false;  // the back of a one-sided surface
+};
+
+}  // namespace matiere

@@ -1,0 +1,264 @@
+#include "material/record.h"
+
+#include <cmath>
+#include <string>
+
+#include "base/error.h"
+#include "material/schema.h"
+
+namespace matiere {
+namespace {
+
+std::string number_text(double v) {
+    std::string s = std::to_string(v);
+    s.erase(s.find_last_not_of('0') + 1);
+    if (!s.empty() && s.back() == '.') s.pop_back();
+    return v != 0.0 && std::abs(v) < 1e-6 ? "tiny" : s;
+}
+
+std::string range_text(const ParamInfo& info) {
+    const std::string low = (info.min_exclusive ? "above " : "at least ") + number_text(info.min);
+    if (std::isinf(info.max)) return low;
+    return low + " and at most " + number_text(info.max);
+}
+
+/// Reads the values of one material, with errors that point at the parameter.
+class Reader {
+ public:
+    Reader(const MaterialDescription& d, const TextureTable& textures)
+        : d_(d), textures_(textures) {}
+
+    [[noreturn]] void fail(const std::string& code, const std::string& message,
+                           std::string_view param = {}) const {
+        const std::string tail = param.empty() ? "" : "/" + std::string(param);
+        throw SceneError(code, message, d_.pointer + tail);
+    }
+
+    const ParamValue* find(std::string_view name) const {
+        const auto it = d_.params.find(std::string(name));
+        return it == d_.params.end() ? nullptr : &it->second;
+    }
+
+    void check_range(const ParamInfo& info, double v) const {
+        if (std::isfinite(v) && v <= info.max && (info.min_exclusive ? v > info.min : v >= info.min))
+            return;
+        fail("out_of_range",
+             std::string(info.name) + " is " + number_text(v) + "; it must be " + range_text(info),
+             info.name);
+    }
+
+    /// The texture named by a value, its extremes checked against the range; -1 for a constant.
+    int texture(const ParamInfo& info, const ParamValue& value) const {
+        const auto* ref = std::get_if<TextureRef>(&value);
+        if (!ref) return -1;
+        if (info.constant_only)
+            fail("no_texture", std::string(info.name) + " takes a constant, not a texture",
+                 info.name);
+        if (ref->index < 0 || ref->index >= textures_.size())
+            fail("unknown_texture", "no texture has the index " + std::to_string(ref->index),
+                 info.name);
+        const ImageTexture& image = textures_[ref->index];
+        const int lanes = info.kind == ParamKind::kColor ? kActiveLanes : 1;
+        for (int i = 0; i < lanes; ++i) {
+            check_range(info, double(image.minimum()[i]));
+            check_range(info, double(image.maximum()[i]));
+        }
+        return ref->index;
+    }
+
+    double number(const ParamInfo& info, const ParamValue& value) const {
+        if (const auto* v = std::get_if<double>(&value)) return check_range(info, *v), *v;
+        fail("wrong_type", std::string(info.name) + " must be a number", info.name);
+    }
+
+    std::array<double, 3> colour(const ParamInfo& info, const ParamValue& value) const {
+        std::array<double, 3> rgb{};
+        if (const auto* v = std::get_if<double>(&value))
+            rgb = {*v, *v, *v};
+        else if (const auto* c = std::get_if<std::array<double, 3>>(&value))
+            rgb = *c;
+        else
+            fail("wrong_type", std::string(info.name) + " must be a number or [r, g, b]",
+                 info.name);
+        for (const double v : rgb) check_range(info, v);
+        return rgb;
+    }
+
+    int choice(const ParamInfo& info, const ParamValue& value) const {
+        if (info.kind == ParamKind::kBool) {
+            if (const auto* b = std::get_if<bool>(&value)) return *b ? 1 : 0;
+            fail("wrong_type", std::string(info.name) + " must be true or false", info.name);
+        }
+        const auto* word = std::get_if<std::string>(&value);
+        std::string known;
+        for (std::size_t i = 0; i < info.choices.size(); ++i) {
+            if (word && *word == info.choices[i]) return int(i);
+            known += (i ? ", " : "") + std::string(info.choices[i]);
+        }
+        fail(word ? "bad_choice" : "wrong_type",
+             std::string(info.name) + " must be one of " + known, info.name);
+    }
+
+ private:
+    const MaterialDescription& d_;
+    const TextureTable& textures_;
+};
+
+/// Fills one row's member; returns the texture that will overwrite it at hits, or -1.
+template <class P, class R>
+int fill(const Reader& reader, const Param<P, R>& row, P& params) {
+    const ParamInfo& info = row.info;
+    const ParamValue* value = reader.find(info.name);
+    if (info.required && !value)
+        reader.fail("missing", std::string(info.name) + " must be given", info.name);
+    if (info.kind == ParamKind::kMetal) {
+        if (value)
+            reader.fail("unresolved_metal", "a metal's name must be resolved to eta and k first",
+                        info.name);
+        return -1;
+    }
+    const int texture = value ? reader.texture(info, *value) : -1;
+    const bool constant = value && texture < 0;
+    const auto mark = [&](auto& member) {
+        member.given = value != nullptr;
+        member.textured = texture >= 0;
+    };
+    if (row.scalar) {
+        auto& member = params.*(row.scalar);
+        member.v = R(constant ? reader.number(info, *value) : info.default_value);
+        mark(member);
+    } else if (row.color) {
+        auto& member = params.*(row.color);
+        member.v = Spectrum<R>(R(info.default_value));
+        if (constant) {
+            const auto c = reader.colour(info, *value);
+            member.v = {R(c[0]), R(c[1]), R(c[2])};
+        }
+        mark(member);
+    } else {
+        auto& member = params.*(row.choice);
+        member.v = constant ? reader.choice(info, *value) : int(info.default_value);
+        mark(member);
+    }
+    return texture;
+}
+
+void check_rule(const Reader& reader, const Rule& rule) {
+    std::size_t given = 0;
+    std::string_view first_given, second_given, first_missing;
+    std::string names;
+    for (std::size_t i = 0; i < rule.size(); ++i) {
+        names += (i ? ", " : "") + std::string(rule.names[i]);
+        if (!reader.find(rule.names[i])) {
+            if (first_missing.empty()) first_missing = rule.names[i];
+            continue;
+        }
+        if (++given == 1) first_given = rule.names[i];
+        if (given == 2) second_given = rule.names[i];
+    }
+    switch (rule.kind) {
+        case RuleKind::kExclusive:
+            if (given > 1)
+                reader.fail("exclusive", "give only one of " + names, second_given);
+            break;
+        case RuleKind::kOneOf:
+            if (given == 0) reader.fail("missing", "give one of " + names);
+            break;
+        case RuleKind::kTogether:
+            if (given != 0 && given != rule.size())
+                reader.fail("missing", "give " + names + " together", first_given);
+            break;
+        case RuleKind::kRequires:
+            if (reader.find(rule.names[0]) && !reader.find(rule.names[1]))
+                reader.fail("missing",
+                            std::string(rule.names[0]) + " needs " + std::string(rule.names[1]),
+                            rule.names[0]);
+            break;
+    }
+}
+
+template <class P>
+void check_names(const Reader& reader, const MaterialDescription& d) {
+    for (const auto& [name, value] : d.params) {
+        bool known = false;
+        for (const auto& row : P::table()) known |= row.info.name == name;
+        if (!known)
+            reader.fail("unknown_parameter", d.type + " has no parameter '" + name + "'", name);
+    }
+}
+
+template <class P, class R>
+void apply_slot(P& params, const TextureSlot& slot, const Spectrum<R>& value) {
+    static constexpr auto table = P::table();
+    const auto& row = table[slot.row];
+    if (row.scalar)
+        (params.*(row.scalar)).v = value[0];
+    else if (row.color)
+        (params.*(row.color)).v = value;
+}
+
+template <class M, class R>
+ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription& d,
+                                 const TextureTable& textures, TableStore<R>& tables) {
+    using P = typename M::Params;
+    check_names<P>(reader, d);
+    P params;
+    ModelRecipe<R> recipe;
+    std::uint8_t index = 0;
+    for (const auto& row : P::table()) {
+        const int texture = fill(reader, row, params);
+        if (texture >= 0) recipe.slots.push_back({index, texture});
+        ++index;
+    }
+    for (const Rule& rule : P::rules()) check_rule(reader, rule);
+    if constexpr (requires { M::check(params); })
+        if (const ParamError error = M::check(params); !error.message.empty())
+            reader.fail("out_of_range", std::string(error.message), error.param);
+    if constexpr (TabulatedModel<M, R>) M::tabulate(params, tables);
+    recipe.params = params;
+    for (const TextureSlot& slot : recipe.slots)
+        apply_slot(params, slot, spectrum_cast<R>(textures[slot.texture].maximum()));
+    recipe.model = M::prepare(params);
+    return recipe;
+}
+
+}  // namespace
+
+template <class R>
+ModelRecipe<R> make_recipe(const MaterialDescription& description, const TextureTable& textures,
+                           TableStore<R>& tables) {
+    const Reader reader(description, textures);
+    ModelRecipe<R> recipe;
+    for_each_model<R>([&]<class M>(std::type_identity<M>) {
+        static_assert(Model<M, R>);
+        if (description.type == M::kName)
+            recipe = make_model_recipe<M, R>(reader, description, textures, tables);
+    });
+    if (recipe.model.index() == 0)
+        reader.fail("unknown_material", "no material type '" + description.type + "'; known are " +
+                                            model_names(), "type");
+    return recipe;
+}
+
+template <class R>
+AnyModel<R> ModelRecipe<R>::at(const TextureTable& textures, Vec2f uv) const {
+    AnyModel<R> made;
+    for_each_model<R>([&]<class M>(std::type_identity<M>) {
+        if (!std::holds_alternative<M>(model)) return;
+        constexpr std::size_t kIndex = AnyModel<R>(std::in_place_type<M>).index();
+        auto completed = std::get<kIndex>(params);
+        for (const TextureSlot& slot : slots)
+            apply_slot(completed, slot, spectrum_cast<R>(textures[slot.texture].lookup(uv)));
+        made = M::prepare(completed);
+    });
+    return made;
+}
+
+template struct ModelRecipe<float>;
+template struct ModelRecipe<double>;
+template ModelRecipe<float> make_recipe(const MaterialDescription&, const TextureTable&,
+                                        TableStore<float>&);
+template ModelRecipe<double> make_recipe(const MaterialDescription&, const TextureTable&,
+                                         TableStore<double>&);
+
+}  // namespace matiere

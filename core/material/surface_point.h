@@ -1,0 +1,16 @@
+// The place on a surface where a material is asked to scatter, in world space.
+#pragma once
+
+#include "base/vec.h"
+
+namespace matiere {
+
+struct SurfacePoint {
+    Vec3f p;     ///< position [m]
+    Vec3f n_g;   ///< geometric unit normal, on the outside of the shape
+    Vec3f n_s;   ///< shading unit normal, within 90 degrees of n_g
+    Vec3f dpdu;  ///< shading tangent; need not be unit or orthogonal, zero if the shape has none
+    Vec2f uv;    ///< texture coordinates; v grows upwards
+};
+
+}  // namespace matiere

@@ -1,0 +1,79 @@
+// Tables of directional albedo: what share of the light from one direction a lobe scatters at all.
+// Energy couplings (plastic, diffuse under a specular lobe) are built on them.
+#pragma once
+
+#include <algorithm>
+#include <cmath>
+#include <deque>
+#include <utility>
+#include <vector>
+
+#include "base/spectrum.h"
+
+namespace matiere {
+
+/// Directional albedo over (cos theta, one more axis), three lanes: RGB, or three terms that a
+/// model combines. Nodes are uniform in sqrt(cos theta), dense towards grazing; cubic in between.
+/// The second axis t in [0, 1] is whatever the model varies (alpha of a texture, azimuth).
+template <class R>
+struct AlbedoTable {
+    static constexpr int kNodes = 64;
+
+    std::vector<Spectrum<R>> E;        ///< [row][node]
+    std::vector<Spectrum<R>> average;  ///< [row]: 2 * integral of E(mu) mu dmu
+
+    int rows() const { return int(average.size()); }
+
+    static R node_cosine(int i) { return sqr(R(i) / R(kNodes - 1)); }
+
+    Spectrum<R> lookup(R cos_theta, R t = R(0)) const {
+        if (rows() == 1) return row_value(0, cos_theta);
+        const auto [row, w] = row_position(t);
+        return row_value(row, cos_theta) * (R(1) - w) + row_value(row + 1, cos_theta) * w;
+    }
+
+    Spectrum<R> lookup_average(R t = R(0)) const {
+        if (rows() == 1) return average[0];
+        const auto [row, w] = row_position(t);
+        return average[std::size_t(row)] * (R(1) - w) + average[std::size_t(row) + 1] * w;
+    }
+
+ private:
+    std::pair<int, R> row_position(R t) const {
+        const R x = std::clamp(t, R(0), R(1)) * R(rows() - 1);
+        const int row = std::min(int(x), rows() - 2);
+        return {row, x - R(row)};
+    }
+
+    /// Cubic through four nodes (Catmull-Rom inside, one-sided at the ends).
+    Spectrum<R> row_value(int row, R cos_theta) const {
+        const R x = std::sqrt(std::clamp(cos_theta, R(0), R(1))) * R(kNodes - 1);
+        const int i = std::min(int(x), kNodes - 2);
+        const R w = x - R(i);
+        const Spectrum<R>* e = &E[std::size_t(row) * kNodes];
+        const Spectrum<R>& b = e[i];
+        const Spectrum<R>& c = e[i + 1];
+        const Spectrum<R> a = i > 0 ? e[i - 1] : b * R(2) - c;
+        const Spectrum<R> d = i + 2 < kNodes ? e[i + 2] : c * R(2) - b;
+        const R w2 = w * w;
+        const R w3 = w2 * w;
+        const Spectrum<R> value = b + (c - a) * (R(0.5) * w) +
+                                  (a * R(2) - b * R(5) + c * R(4) - d) * (R(0.5) * w2) +
+                                  (b * R(3) - a - c * R(3) + d) * (R(0.5) * w3);
+        return value.map([](R v) { return std::clamp(v, R(0), R(1)); });
+    }
+};
+
+/// Owns the immutable tables of the materials of one scene; models keep const views into it.
+template <class R>
+class TableStore {
+ public:
+    const AlbedoTable<R>* add(AlbedoTable<R> table) {
+        return &tables_.emplace_back(std::move(table));
+    }
+
+ private:
+    std::deque<AlbedoTable<R>> tables_;  // a deque: views stay valid while it grows
+};
+
+}  // namespace matiere

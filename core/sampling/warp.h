@@ -1,0 +1,44 @@
+// Area-preserving maps from the unit square, and their densities.
+#pragma once
+
+#include <cmath>
+
+#include "base/numeric.h"
+#include "base/vec.h"
+
+namespace matiere {
+
+/// Unit disk by concentric squares: neighbours stay neighbours (Shirley & Chiu 1997).
+template <class R>
+inline Vec2<R> square_to_disk(R u1, R u2) {
+    const R a = R(2) * u1 - R(1);
+    const R b = R(2) * u2 - R(1);
+    if (a == R(0) && b == R(0)) return {R(0), R(0)};
+    const bool wide = std::abs(a) > std::abs(b);
+    const R radius = wide ? a : b;
+    const R phi = wide ? (kPi<R> / R(4)) * (b / a) : kPi<R> / R(2) - (kPi<R> / R(4)) * (a / b);
+    return {radius * std::cos(phi), radius * std::sin(phi)};
+}
+
+/// Direction about +z with density cos / pi [1/sr] (Malley's method).
+template <class R>
+inline Vec3<R> square_to_cosine_hemisphere(R u1, R u2) {
+    const Vec2<R> d = square_to_disk(u1, u2);
+    return {d.x, d.y, safe_sqrt(R(1) - d.x * d.x - d.y * d.y)};
+}
+
+template <class R>
+constexpr R cosine_hemisphere_pdf(R cos_theta) {
+    return cos_theta > R(0) ? cos_theta * kInvPi<R> : R(0);
+}
+
+/// Uniform direction on the unit sphere.
+template <class R>
+inline Vec3<R> square_to_sphere(R u1, R u2) {
+    const R z = R(1) - R(2) * u1;
+    const R r = safe_sqrt(R(4) * u1 * (R(1) - u1));
+    const R phi = kTwoPi<R> * u2;
+    return {r * std::cos(phi), r * std::sin(phi), z};
+}
+
+}  // namespace matiere
