@@ -13,6 +13,7 @@
 #include "base/vec.h"
 #include "film/filter.h"
 #include "material/description.h"
+#include "texture/texture.h"
 
 namespace matiere {
 
@@ -86,7 +87,7 @@ struct EnvironmentDescription {
 struct RenderDescription {
     FilmDescription film;
     CameraDescription camera;
-    std::vector<ImageDescription> textures;
+    TextureTable textures;
     std::vector<MaterialDescription> materials;
     std::vector<MeshDescription> meshes;
     std::vector<SphereDescription> spheres;

@@ -1,0 +1,71 @@
+#include "integrator/visibility.h"
+
+#include <cmath>
+
+namespace matiere {
+
+namespace {
+
+/// A shadow ray ends this part of its length before the light's own surface, several roundings of
+/// its ray parameter, so that the light does not shadow itself.
+constexpr float kShadowEnd = 1 - 0x1p-18F;
+/// Hidden interfaces one shadow ray may pass.
+constexpr int kMaxHidden = 1000;
+
+Ray shadow_ray(const SurfaceHit& s, const LightSample& light) {
+    const Vec3f origin = offset_origin(s.point.p, s.error, s.point.n_g, light.wi);
+    if (light.infinite) return {origin, light.wi};
+    const Vec3f target = offset_origin(light.p, light.error, light.n, -light.wi);
+    return {origin, target - origin, kShadowEnd};
+}
+
+/// Walks through the interfaces that lie hidden inside a medium of higher priority.
+Spectrumf walk_hidden(const Scene& scene, Ray ray, InteriorStack inside, Counters& counters) {
+    Spectrumf result(1.0F);
+    const Vec3f end = ray.origin + ray.direction;
+    const bool infinite = ray.t_max > 1;
+    for (int i = 0; i < kMaxHidden; ++i) {
+        ++counters.shadow_rays;
+        const RayHit hit = scene.intersect(ray);
+        const float scale = length(ray.direction);
+        result *= absorb(scene, inside, hit.missed() ? ray.t_max * scale : hit.t * scale);
+        if (hit.missed() || result.is_black()) return result;
+        const SurfaceHit s = scene.surface(ray, hit);
+        if (s.material < 0 || !scene.materials()[s.material].has_interior) return {};
+        const bool entering = dot(s.point.n_g, ray.direction) < 0;
+        if (!cross_interface(scene.materials(), s.material, entering, inside).hidden) return {};
+        move_through(scene, s, entering, inside, counters);
+        ray.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray.direction);
+        if (!infinite) ray.direction = end - ray.origin;
+    }
+    return {};
+}
+
+}  // namespace
+
+Spectrumf absorb(const Scene& scene, const InteriorStack& inside, float distance) {
+    const int medium = inside.current();
+    if (medium < 0) return Spectrumf(1.0F);
+    return scene.materials()[medium].sigma_a.map(
+        [distance](float sigma) { return sigma > 0 ? std::exp(-sigma * distance) : 1.0F; });
+}
+
+void move_through(const Scene& scene, const SurfaceHit& s, bool entering, InteriorStack& inside,
+                  Counters& counters) {
+    if (entering)
+        inside.enter(s.material, scene.materials()[s.material].priority, counters);
+    else
+        inside.leave(s.material, counters);
+}
+
+Spectrumf transmittance(const Scene& scene, const SurfaceHit& s, const LightSample& light,
+                        InteriorStack inside, Counters& counters) {
+    const Ray ray = shadow_ray(s, light);
+    if (scene.nested_interiors()) return walk_hidden(scene, ray, inside, counters);
+    ++counters.shadow_rays;
+    if (scene.occluded(ray)) return {};
+    if (inside.empty()) return Spectrumf(1.0F);
+    return absorb(scene, inside, light.infinite ? kInfinity<float> : length(ray.direction));
+}
+
+}  // namespace matiere

@@ -1,0 +1,81 @@
+// Light sampling on shapes: parallelograms, triangle meshes and spheres.
+#pragma once
+
+#include <cmath>
+#include <optional>
+#include <vector>
+
+#include "base/frame.h"
+#include "base/vec.h"
+#include "sampling/discrete.h"
+#include "sampling/sampler.h"
+#include "shape/mesh.h"
+#include "shape/sphere.h"
+
+namespace matiere {
+
+/// A point on a light, chosen for a reference point.
+struct ShapeSample {
+    Vec3f p, n;
+    Vec3f error;           ///< absolute bound on the rounding of p
+    Vec2f uv;              ///< texture coordinates
+    float pdf;             ///< per solid angle at the reference point
+};
+
+/// Converts a density per area into one per solid angle; zero at grazing and coincident points.
+inline float area_to_solid_angle(float pdf_area, Vec3f to_light, Vec3f n) {
+    const float d2 = length_squared(to_light);
+    const float cos_light = std::abs(dot(to_light, n)) / std::sqrt(d2);
+    const float pdf = pdf_area * d2 / cos_light;
+    return std::isfinite(pdf) ? pdf : 0.0F;
+}
+
+struct RectangleShape {
+    Vec3f corner, edge_u, edge_v, n;
+    float area;
+
+    RectangleShape(Vec3f c, Vec3f u, Vec3f v) : corner(c), edge_u(u), edge_v(v) {
+        const Vec3f w = cross(u, v);
+        area = length(w);
+        n = w * (1 / area);
+    }
+    ShapeSample sample(Vec3f reference, const SampleBlock& u) const {
+        const Vec2f s = u.uniform2(1);
+        const Vec3f p = corner + edge_u * s.x + edge_v * s.y;
+        const Vec3f error = (abs(corner) + abs(edge_u) + abs(edge_v)) * gamma_bound<float>(6);
+        return {p, n, error, s, area_to_solid_angle(1 / area, p - reference, n)};
+    }
+    float pdf(Vec3f reference, Vec3f p) const {
+        return area_to_solid_angle(1 / area, p - reference, n);
+    }
+};
+
+/// Triangles chosen by area times `weight` (mean emission), points uniform on them.
+class MeshShape {
+ public:
+    MeshShape(const Mesh& mesh, const std::vector<double>& weight);
+    std::optional<ShapeSample> sample(Vec3f reference, const SampleBlock& u) const;
+    float pdf(Vec3f reference, std::uint32_t triangle, Vec3f p, Vec3f n) const;
+    double area() const { return area_; }
+
+ private:
+    const Mesh* mesh_;
+    DiscreteDistribution triangles_;
+    std::vector<float> pdf_area_;
+    double area_ = 0;
+};
+
+struct SphereShape {
+    Sphere sphere;
+    /// Uniform in the cone of directions from outside, uniform on the surface from inside.
+    ShapeSample sample(Vec3f reference, const SampleBlock& u) const;
+    float pdf(Vec3f reference, Vec3f p, Vec3f n) const;
+
+ private:
+    /// sin^2 of the half angle of the cone; above 1 inside.
+    float sin2_cone(Vec3f reference) const {
+        return sphere.radius * sphere.radius / length_squared(reference - sphere.center);
+    }
+};
+
+}  // namespace matiere

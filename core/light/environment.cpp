@@ -1,0 +1,119 @@
+#include "light/environment.h"
+
+#include <array>
+#include <cmath>
+
+namespace matiere {
+
+EnvironmentLight::EnvironmentLight(int width, int height, std::vector<float> pixels,
+                                   double rotation_deg, double scale)
+    : width_(width), height_(height), pixels_(std::move(pixels)) {
+    const double angle = rotation_deg * kPi<double> / 180;
+    cos_rotation_ = float(std::cos(angle));
+    sin_rotation_ = float(std::sin(angle));
+    for (float& p : pixels_) p = float(double(p) * scale);
+    build_distribution();
+}
+
+std::size_t EnvironmentLight::bytes() const {
+    return pixels_.size() * sizeof(float) + std::size_t(width_) * std::size_t(height_) * 4;
+}
+
+Spectrumf EnvironmentLight::pixel(int x, int y) const {
+    const float* p = &pixels_[(std::size_t(y) * std::size_t(width_) + std::size_t(x)) * 3];
+    return {p[0], p[1], p[2]};
+}
+
+/// Each cell of the distribution is one pixel's rectangle of the sphere. Its weight is the mean of
+/// the bilinear map over it (1/8, 6/8, 1/8 along each axis) times its solid angle, so that no
+/// direction with radiance has density zero.
+void EnvironmentLight::build_distribution() {
+    const auto w = std::size_t(width_), h = std::size_t(height_);
+    cos_edge_.resize(h + 1);
+    for (std::size_t y = 0; y <= h; ++y) cos_edge_[y] = std::cos(kPi<double> * double(y) / double(h));
+
+    std::vector<double> luminance(w * h), across(w * h), row_weight(h), cells(w);
+    for (std::size_t i = 0; i < w * h; ++i)
+        luminance[i] = double(Spectrumf(pixels_[3 * i], pixels_[3 * i + 1], pixels_[3 * i + 2]).luminance());
+    for (std::size_t y = 0; y < h; ++y)
+        for (std::size_t x = 0; x < w; ++x)
+            across[y * w + x] = 0.75 * luminance[y * w + x] + 0.125 * luminance[y * w + (x + 1) % w] +
+                                0.125 * luminance[y * w + (x + w - 1) % w];
+
+    double total = 0;
+    columns_.reserve(h);
+    for (std::size_t y = 0; y < h; ++y) {
+        const std::size_t above = y == 0 ? y : y - 1, below = y + 1 == h ? y : y + 1;
+        double sum = 0;
+        for (std::size_t x = 0; x < w; ++x) {
+            cells[x] = 0.75 * across[y * w + x] + 0.125 * (across[above * w + x] + across[below * w + x]);
+            sum += cells[x];
+        }
+        columns_.emplace_back(cells);
+        const double solid_angle = (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(w);
+        row_weight[y] = sum * solid_angle;
+        total += row_weight[y];
+    }
+    rows_ = DiscreteDistribution(row_weight);
+    mean_luminance_ = total / (4 * kPi<double>);
+}
+
+EnvironmentLight::Texel EnvironmentLight::to_texel(Vec3f d) const {
+    // Undo the rotation about +y, then read the angles without acos: exact near the poles.
+    const float x = cos_rotation_ * d.x - sin_rotation_ * d.z;
+    const float z = sin_rotation_ * d.x + cos_rotation_ * d.z;
+    const float phi = std::atan2(x, -z);
+    const float theta = std::atan2(std::sqrt(x * x + z * z), d.y);
+    const float u = (phi * (0.5F * kInvPi<float>)+0.5F) * float(width_);
+    return {u < float(width_) ? std::max(u, 0.0F) : 0.0F,
+            std::min(theta * kInvPi<float> * float(height_), float(height_))};
+}
+
+Vec3f EnvironmentLight::from_angles(float sin_theta, float cos_theta, float phi) const {
+    const float x = sin_theta * std::sin(phi), z = -sin_theta * std::cos(phi);
+    return {cos_rotation_ * x + sin_rotation_ * z, cos_theta, -sin_rotation_ * x + cos_rotation_ * z};
+}
+
+Spectrumf EnvironmentLight::lookup(Texel t) const {
+    const float u = t.u - 0.5F, v = std::clamp(t.v - 0.5F, 0.0F, float(height_ - 1));
+    const float fu = std::floor(u), fv = std::floor(v);
+    const int x0 = (int(fu) + width_) % width_, x1 = (x0 + 1) % width_;
+    const int y0 = int(fv), y1 = std::min(y0 + 1, height_ - 1);
+    const float a = u - fu, b = v - fv;
+    return (1 - b) * ((1 - a) * pixel(x0, y0) + a * pixel(x1, y0)) +
+           b * ((1 - a) * pixel(x0, y1) + a * pixel(x1, y1));
+}
+
+Spectrumf EnvironmentLight::radiance(Vec3f direction) const {
+    return is_constant() ? pixel(0, 0) : lookup(to_texel(direction));
+}
+
+float EnvironmentLight::pdf(Vec3f direction) const {
+    if (rows_.empty()) return 0;
+    const Texel t = to_texel(direction);
+    const auto x = std::size_t(std::min(int(t.u), width_ - 1)), y = std::size_t(std::min(int(t.v), height_ - 1));
+    if (columns_[y].empty()) return 0;
+    const double solid_angle = (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(width_);
+    return float(double(rows_.probability(y)) * double(columns_[y].probability(x)) / solid_angle);
+}
+
+std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(const SampleBlock& u) const {
+    if (rows_.empty()) return std::nullopt;
+    const auto row = rows_.sample(u.bits[1]);
+    const auto column = columns_[row.index].sample(u.bits[2]);
+
+    // Uniform in solid angle inside the cell: in cos(theta) and in phi.
+    const double c0 = cos_edge_[row.index], c1 = cos_edge_[row.index + 1];
+    const auto cos_theta = float(c0 + double(row.remainder) * (c1 - c0));
+    // sin from theta's distance to the nearer pole, not from 1 - cos^2.
+    const double one_minus = 1 - std::abs(c0 + double(row.remainder) * (c1 - c0));
+    const auto sin_theta = float(std::sqrt(std::max(0.0, one_minus * (2 - one_minus))));
+    const float phi = kTwoPi<float> * ((float(column.index) + column.remainder) / float(width_) - 0.5F);
+
+    const Vec3f wi = from_angles(sin_theta, cos_theta, phi);
+    const double solid_angle = (c0 - c1) * 2 * kPi<double> / double(width_);
+    const auto pdf = float(double(row.probability) * double(column.probability) / solid_angle);
+    return Sample{wi, radiance(wi), pdf};
+}
+
+}  // namespace matiere

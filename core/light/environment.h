@@ -1,0 +1,56 @@
+// The environment: a lat-long radiance map at infinity, sampled in proportion to its pixels.
+#pragma once
+
+#include <optional>
+#include <vector>
+
+#include "base/spectrum.h"
+#include "base/vec.h"
+#include "sampling/discrete.h"
+#include "sampling/sampler.h"
+
+namespace matiere {
+
+/// Row 0 is +y, the centre column looks along -z, u grows to the right seen from inside.
+class EnvironmentLight {
+ public:
+    struct Sample {
+        Vec3f wi;
+        Spectrumf radiance;
+        float pdf;  ///< per solid angle
+    };
+
+    /// `pixels` holds 3 floats a pixel, finite and >= 0; rotation about +y, right-handed.
+    EnvironmentLight(int width, int height, std::vector<float> pixels, double rotation_deg,
+                     double scale);
+
+    /// Bilinear in u and v, wrapping in u.
+    Spectrumf radiance(Vec3f direction) const;
+    float pdf(Vec3f direction) const;
+    /// Nothing where the map is black.
+    std::optional<Sample> sample(const SampleBlock& u) const;
+    /// Solid-angle mean of the luminance.
+    double mean_luminance() const { return mean_luminance_; }
+    bool is_constant() const { return width_ == 1 && height_ == 1; }
+    std::size_t bytes() const;
+
+ private:
+    struct Texel {
+        float u, v;  ///< continuous coordinates in [0, width) x [0, height]
+    };
+    Texel to_texel(Vec3f direction) const;
+    Vec3f from_angles(float sin_theta, float cos_theta, float phi) const;
+    Spectrumf pixel(int x, int y) const;
+    Spectrumf lookup(Texel t) const;
+    void build_distribution();
+
+    int width_, height_;
+    std::vector<float> pixels_;
+    float cos_rotation_, sin_rotation_;
+    double mean_luminance_ = 0;
+    std::vector<double> cos_edge_;  ///< cosine of theta at the row edges
+    DiscreteDistribution rows_;
+    std::vector<DiscreteDistribution> columns_;
+};
+
+}  // namespace matiere

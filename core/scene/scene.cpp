@@ -1,0 +1,255 @@
+#include "scene/scene.h"
+
+#include <algorithm>
+#include <chrono>
+#include <cmath>
+
+#include "base/error.h"
+
+namespace matiere {
+
+namespace {
+
+void check_mesh(const MeshDescription& m, int materials) {
+    const std::size_t vertices = m.positions.size() / 3;
+    for (const float x : m.positions)
+        if (!std::isfinite(x))
+            throw SceneError("not_finite", "mesh '" + m.name + "' has a position that is not finite",
+                             m.pointer + "/positions");
+    for (const std::uint32_t i : m.triangles)
+        if (i >= vertices)
+            throw SceneError("index_range",
+                             "triangle index " + std::to_string(i) + " is not below the vertex count " +
+                                 std::to_string(vertices),
+                             m.pointer + "/triangles");
+    if (!m.normals.empty() && m.normals.size() != m.positions.size())
+        throw SceneError("normals", "a mesh needs one normal per vertex or none", m.pointer + "/normals");
+    if (!m.uv.empty() && m.uv.size() != vertices * 2)
+        throw SceneError("uv", "a mesh needs one uv pair per vertex or none", m.pointer + "/uv");
+    if (m.material < 0 || m.material >= materials)
+        throw SceneError("material", "mesh '" + m.name + "' has no material", m.pointer + "/material");
+}
+
+MeshDescription rectangle_mesh(const RectangleLightDescription& r) {
+    MeshDescription m;
+    for (const Vec3f p : {r.corner, r.corner + r.edge_u, r.corner + r.edge_u + r.edge_v, r.corner + r.edge_v}) {
+        m.positions.push_back(p.x);
+        m.positions.push_back(p.y);
+        m.positions.push_back(p.z);
+    }
+    m.triangles = {0, 1, 2, 0, 2, 3};
+    return m;
+}
+
+std::unique_ptr<Mesh> make_mesh(MeshDescription&& d) {
+    auto mesh = std::make_unique<Mesh>();
+    mesh->positions = std::move(d.positions);
+    mesh->positions.push_back(0);
+    mesh->indices = std::move(d.triangles);
+    mesh->normals = std::move(d.normals);
+    mesh->uv = std::move(d.uv);
+    mesh->material = d.material;
+    return mesh;
+}
+
+}  // namespace
+
+Scene::Scene(RenderDescription description, int threads, const CancelToken* cancel)
+    : film_(description.film), textures_(std::move(description.textures)), accel_(threads) {
+    const auto start = std::chrono::steady_clock::now();
+    const CameraDescription& c = description.camera;
+    const double aperture = c.type == CameraType::kThinLens ? c.aperture_radius : 0.0;
+    camera_ = std::make_unique<Camera>(c.origin, c.target, c.up, c.vfov_deg, aperture,
+                                       c.focus_distance, film_.width, film_.height);
+    materials_ = std::make_unique<MaterialTable>(description.materials, textures_);
+
+    int interiors = 0;
+    for (int i = 0; i < materials_->size(); ++i) interiors += (*materials_)[i].has_interior ? 1 : 0;
+    nested_interiors_ = interiors > 1;
+
+    add_meshes(std::move(description.meshes));
+    add_spheres(description.spheres);
+    build_lights(description);
+    for (const auto& mesh : meshes_) accel_.add_mesh(mesh->positions, mesh->indices);
+    if (!spheres_.empty()) accel_.add_spheres(spheres_);
+    accel_.commit(cancel);
+    if (interiors > 0) find_camera_interior();
+
+    for (const auto& mesh : meshes_) {
+        stats_.triangles += mesh->triangle_count();
+        stats_.bytes += 4 * (mesh->positions.size() + mesh->indices.size() + mesh->normals.size() +
+                             mesh->uv.size());
+    }
+    for (int i = 0; i < textures_.size(); ++i) stats_.bytes += textures_[i].bytes();
+    if (const auto* e = lights_->environment()) stats_.bytes += e->bytes();
+    stats_.spheres = spheres_.size();
+    stats_.lights = std::uint64_t(lights_->size());
+    stats_.materials = std::uint64_t(materials_->size());
+    stats_.build_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+}
+
+void Scene::add_meshes(std::vector<MeshDescription>&& meshes) {
+    for (auto& m : meshes) {
+        check_mesh(m, materials_->size());
+        meshes_.push_back(make_mesh(std::move(m)));
+    }
+}
+
+void Scene::add_spheres(const std::vector<SphereDescription>& spheres) {
+    for (const auto& s : spheres) {
+        if (s.material < 0 || s.material >= materials_->size())
+            throw SceneError("material", "sphere has no material", s.pointer + "/material");
+        spheres_.push_back({s.center, s.radius, s.material});
+    }
+    sphere_light_.assign(spheres_.size(), -1);
+}
+
+void Scene::build_lights(const RenderDescription& description) {
+    std::vector<Light> lights;
+    for (const auto& mesh : meshes_) {
+        const MaterialRecord& record = (*materials_)[mesh->material];
+        if (!record.emissive) continue;
+        mesh->light = int(lights.size());
+        const std::vector<double> weight(mesh->triangle_count(), 1.0);
+        lights.emplace_back(MeshLight{MeshShape(*mesh, weight), mesh->material});
+    }
+    for (std::size_t i = 0; i < spheres_.size(); ++i) {
+        if (!(*materials_)[spheres_[i].material].emissive) continue;
+        sphere_light_[i] = int(lights.size());
+        lights.emplace_back(SphereLight{SphereShape{spheres_[i]}, spheres_[i].material});
+    }
+    for (const auto& l : description.lights) {
+        if (const auto* r = std::get_if<RectangleLightDescription>(&l)) {
+            const RectangleShape shape(r->corner, r->edge_u, r->edge_v);
+            if (!(shape.area > 0))
+                throw SceneError("degenerate_light", "edge_u and edge_v span no area", r->pointer);
+            auto mesh = make_mesh(rectangle_mesh(*r));
+            mesh->material = -1;
+            mesh->light = int(lights.size());
+            meshes_.push_back(std::move(mesh));
+            lights.emplace_back(RectangleLight{shape, r->radiance});
+        } else if (const auto* p = std::get_if<PointLightDescription>(&l)) {
+            lights.emplace_back(PointLight{p->position, p->intensity});
+        } else if (const auto* d = std::get_if<DirectionalLightDescription>(&l)) {
+            lights.emplace_back(DirectionalLight{normalize(d->direction), d->irradiance});
+        }
+    }
+    std::optional<EnvironmentLight> environment;
+    if (const auto& e = description.environment)
+        environment.emplace(e->width, e->height, e->pixels, e->rotation_deg, e->scale);
+    lights_ = std::make_unique<LightSet>(std::move(lights), std::move(environment), *materials_,
+                                         bounding_radius());
+}
+
+float Scene::bounding_radius() const {
+    float r2 = 0;
+    for (const auto& mesh : meshes_)
+        for (std::uint32_t v = 0; v < mesh->positions.size() / 3; ++v)
+            r2 = std::max(r2, length_squared(mesh->position(v)));
+    float radius = std::sqrt(r2);
+    for (const Sphere& s : spheres_) radius = std::max(radius, length(s.center) + s.radius);
+    return std::max(radius, 1e-30F);
+}
+
+int Scene::material_of(const RayHit& hit) const {
+    return hit.geometry < meshes_.size() ? meshes_[hit.geometry]->material
+                                         : spheres_[hit.primitive].material;
+}
+
+SurfaceHit Scene::surface(const Ray& ray, const RayHit& hit) const {
+    return hit.geometry < meshes_.size() ? triangle_surface(*meshes_[hit.geometry], hit)
+                                         : sphere_surface(ray, hit);
+}
+
+SurfaceHit Scene::triangle_surface(const Mesh& mesh, const RayHit& hit) const {
+    const auto [a, b, c] = mesh.triangle(hit.primitive);
+    const Vec3f p0 = mesh.position(a), p1 = mesh.position(b), p2 = mesh.position(c);
+    const float w1 = hit.u, w2 = hit.v, w0 = 1 - w1 - w2;
+
+    SurfaceHit s;
+    s.material = mesh.material;
+    s.light = mesh.light;
+    s.primitive = hit.primitive;
+    s.point.p = p0 * w0 + p1 * w1 + p2 * w2;
+    s.error = (abs(p0 * w0) + abs(p1 * w1) + abs(p2 * w2)) * gamma_bound<float>(7);
+    const Vec3f e1 = p1 - p0, e2 = p2 - p0;
+    s.point.n_g = normalize(cross(e1, e2));
+    s.point.n_s = s.point.n_g;
+    if (!mesh.normals.empty()) {
+        const Vec3f n = mesh.normal(a) * w0 + mesh.normal(b) * w1 + mesh.normal(c) * w2;
+        const float l2 = length_squared(n);
+        if (l2 > 0 && std::isfinite(l2)) {
+            const Vec3f unit = n * (1 / std::sqrt(l2));
+            s.point.n_s = dot(unit, s.point.n_g) < 0 ? -unit : unit;
+        }
+    }
+    s.point.uv = {w1, w2};
+    if (!mesh.uv.empty()) {
+        const Vec2f t0 = mesh.texcoord(a), t1 = mesh.texcoord(b), t2 = mesh.texcoord(c);
+        s.point.uv = t0 * w0 + t1 * w1 + t2 * w2;
+        const Vec2f d1 = t1 - t0, d2 = t2 - t0;
+        const float det = difference_of_products(d1.x, d2.y, d1.y, d2.x);
+        if (det != 0) s.point.dpdu = (e1 * d2.y - e2 * d1.y) * std::copysign(1.0F, det);
+    }
+    return s;
+}
+
+SurfaceHit Scene::sphere_surface(const Ray& ray, const RayHit& hit) const {
+    const Sphere& sphere = spheres_[hit.primitive];
+    const Vec3f n = normalize(ray.origin + ray.direction * hit.t - sphere.center);
+    SurfaceHit s;
+    s.material = sphere.material;
+    s.light = sphere_light_[hit.primitive];
+    s.primitive = hit.primitive;
+    // Back onto the sphere: the error no longer grows with the distance travelled.
+    s.point.p = sphere.center + n * sphere.radius;
+    s.error = (abs(sphere.center) + abs(n) * sphere.radius) * gamma_bound<float>(7);
+    s.point.n_g = s.point.n_s = n;
+    const float phi = std::atan2(-n.z, n.x);
+    const float theta = std::atan2(std::sqrt(n.x * n.x + n.z * n.z), n.y);
+    s.point.uv = {phi < 0 ? phi * (0.5F * kInvPi<float>)+1 : phi * (0.5F * kInvPi<float>),
+                  1 - theta * kInvPi<float>};
+    s.point.dpdu = {n.z, 0, -n.x};
+    return s;
+}
+
+/// Follows a ray out of the scene: a medium that is left without having been entered is one that
+/// the camera stands in. Found from the inside outwards, so stacked in reverse.
+void Scene::find_camera_interior() {
+    constexpr int kMaxCrossings = 10000;
+    // No axis, no diagonal: unlikely to run along an edge of anything modelled by hand.
+    Ray ray{camera_->origin(), normalize(Vec3f{0.3217F, 0.8471F, 0.4219F})};
+    std::vector<int> entered, inside;
+    for (int i = 0; i < kMaxCrossings; ++i) {
+        const RayHit hit = intersect(ray);
+        if (hit.missed()) break;
+        const SurfaceHit s = surface(ray, hit);
+        if (s.material >= 0 && (*materials_)[s.material].has_interior) {
+            const auto found = std::find(entered.rbegin(), entered.rend(), s.material);
+            if (dot(s.point.n_g, ray.direction) < 0)
+                entered.push_back(s.material);
+            else if (found != entered.rend())
+                entered.erase(std::next(found).base());
+            else
+                inside.push_back(s.material);
+        }
+        ray.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray.direction);
+    }
+    Counters ignored;
+    for (auto it = inside.rbegin(); it != inside.rend(); ++it)
+        camera_interior_.enter(*it, (*materials_)[*it].priority, ignored);
+}
+
+Vec3f offset_origin(Vec3f p, Vec3f error, Vec3f n, Vec3f w) {
+    const float d = dot(abs(n), error);
+    const Vec3f offset = dot(w, n) < 0 ? n * -d : n * d;
+    const auto away = [](float x, float by) {
+        const float y = x + by;
+        if (by > 0) return std::nextafter(y, kInfinity<float>);
+        if (by < 0) return std::nextafter(y, -kInfinity<float>);
+        return y;
+    };
+    return {away(p.x, offset.x), away(p.y, offset.y), away(p.z, offset.z)};
+}
+
+}  // namespace matiere

@@ -1,0 +1,83 @@
+// Everything built from a description: geometry, materials, lights, camera. Immutable once built.
+#pragma once
+
+#include <cstdint>
+#include <memory>
+#include <optional>
+#include <vector>
+
+#include "accel/embree_scene.h"
+#include "camera/camera.h"
+#include "light/light.h"
+#include "material/material.h"
+#include "scene/description.h"
+#include "scene/interior.h"
+#include "shape/mesh.h"
+#include "shape/sphere.h"
+
+namespace matiere {
+
+/// A hit with everything a path needs to know about it.
+struct SurfaceHit {
+    SurfacePoint point;
+    Vec3f error;                  ///< absolute bound on the rounding of point.p
+    int material = -1;            ///< -1: emits only
+    int light = -1;               ///< the light that the surface is, if any
+    std::uint32_t primitive = 0;  ///< triangle index
+};
+
+struct SceneStats {
+    std::uint64_t triangles = 0, spheres = 0, lights = 0, materials = 0;
+    std::uint64_t bytes = 0;  ///< our own buffers, without Embree's hierarchy
+    double build_s = 0;
+};
+
+/// A point just outside the rounding error of `p`, on the side of the surface that `w` leaves to
+/// (Pharr, Jakob, Humphreys 2023, 6.8.6).
+Vec3f offset_origin(Vec3f p, Vec3f error, Vec3f n, Vec3f w);
+
+class Scene {
+ public:
+    /// Throws SceneError. `threads` is for the build alone (0: all processors).
+    Scene(RenderDescription description, int threads, const CancelToken* cancel = nullptr);
+
+    RayHit intersect(const Ray& ray) const { return accel_.intersect(ray); }
+    bool occluded(const Ray& ray) const { return accel_.occluded(ray); }
+    SurfaceHit surface(const Ray& ray, const RayHit& hit) const;
+    /// The material of a hit without the rest.
+    int material_of(const RayHit& hit) const;
+
+    const FilmDescription& film() const { return film_; }
+    const Camera& camera() const { return *camera_; }
+    const MaterialTable& materials() const { return *materials_; }
+    const LightSet& lights() const { return *lights_; }
+    /// The media that the camera stands in.
+    const InteriorStack& camera_interior() const { return camera_interior_; }
+    /// Whether media can overlap, so that shadow rays must look for hidden interfaces.
+    bool nested_interiors() const { return nested_interiors_; }
+    const SceneStats& stats() const { return stats_; }
+
+ private:
+    void add_meshes(std::vector<MeshDescription>&& meshes);
+    void add_spheres(const std::vector<SphereDescription>& spheres);
+    void build_lights(const RenderDescription& description);
+    void find_camera_interior();
+    SurfaceHit triangle_surface(const Mesh& mesh, const RayHit& hit) const;
+    SurfaceHit sphere_surface(const Ray& ray, const RayHit& hit) const;
+    float bounding_radius() const;
+
+    FilmDescription film_;
+    TextureTable textures_;
+    std::unique_ptr<MaterialTable> materials_;
+    std::unique_ptr<Camera> camera_;
+    std::vector<std::unique_ptr<Mesh>> meshes_;  // geometry id = index
+    std::vector<Sphere> spheres_;                // geometry id = meshes_.size()
+    std::vector<int> sphere_light_;
+    std::unique_ptr<LightSet> lights_;
+    EmbreeScene accel_;
+    InteriorStack camera_interior_;
+    bool nested_interiors_ = false;
+    SceneStats stats_;
+};
+
+}  // namespace matiere
