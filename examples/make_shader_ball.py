@@ -22,6 +22,7 @@ import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -32,8 +33,8 @@ Triangles = npt.NDArray[np.int64]
 SHELL_RADIUS = 1.0
 SHELL_THICKNESS = 0.16
 SHELL_OPENING_DEG = 46.0  # half angle of the opening, seen from the centre
-GROOVE_DEG = 84.0  # where the groove runs, from the pole opposite the opening
-GROOVE_HALF_WIDTH_DEG = 3.2
+GROOVE_DEG = 113.0  # where the groove runs, from the pole opposite the opening
+GROOVE_HALF_WIDTH_DEG = 2.6
 GROOVE_DEPTH = 0.045
 INNER_RADIUS = 0.5
 DISH_GAP = 0.03  # between base and shell
@@ -167,7 +168,7 @@ def revolve(name: str, profile: Profile, segments: int) -> Part:
 
 
 def grid_triangles(on_axis: npt.NDArray[np.bool_], rows: int, columns: int) -> Triangles:
-    """Triangulate a grid of rows x columns vertices, leaving out triangles collapsed on the axis."""
+    """Triangulate a grid of vertices, leaving out the triangles collapsed on the axis."""
     i, j = np.meshgrid(np.arange(rows - 1), np.arange(columns - 1), indexing="ij")
     a = i * columns + j
     lower = np.stack([a, a + columns + 1, a + 1], axis=2)[~on_axis[:-1]]
@@ -250,7 +251,7 @@ def stage(
 
 def square_triangles(mask: npt.NDArray[np.bool_]) -> Triangles:
     """Triangulate the chosen cells of a grid (rows go away from the viewer, columns to +x)."""
-    rows, columns = mask.shape
+    columns = mask.shape[1]
     i, j = np.nonzero(mask)
     a = i * (columns + 1) + j
     b = a + columns + 1
@@ -266,16 +267,17 @@ def used_only(name: str, positions: Array, normals: Array, uv: Array, faces: Tri
 def write_glb(path: Path, parts: Sequence[Part]) -> Path:
     """Write parts as one GLB; geometry and material of each carry its name."""
     import trimesh
-    from trimesh.visual.material import PBRMaterial
-    from trimesh.visual.texture import TextureVisuals
 
-    scene = trimesh.Scene()
+    visual: Any = trimesh.visual  # trimesh is only partly typed
+    scene: Any = trimesh.Scene()
     for part in parts:
         mesh = trimesh.Trimesh(
             vertices=part.positions,
             faces=part.triangles,
             vertex_normals=part.normals,
-            visual=TextureVisuals(uv=part.uv, material=PBRMaterial(name=part.name)),
+            visual=visual.TextureVisuals(
+                uv=part.uv, material=visual.material.PBRMaterial(name=part.name)
+            ),
             process=False,
         )
         scene.add_geometry(mesh, geom_name=part.name, node_name=part.name)

@@ -17,9 +17,9 @@ script asks for the right colour instead, at two angles:
     nearest the spectral mean (weights |W_c|) in (ln eta, ln k) is kept.
 
 Channels outside [0, F_MAX] are clipped and listed; where no pair on the arc reaches F(82), a
-close one near the spectral mean is kept and the miss is listed too.  The observer and the illuminant come from the
-package `colour-science` (CIE 15 tables); the optical constants from the refractiveindex.info
-database (public domain, CC0 1.0).  Two runs write the same bytes.
+close one near the spectral mean is kept and the miss is listed too.  The observer and the
+illuminant come from the package `colour-science` (CIE 15 tables); the optical constants from the
+refractiveindex.info database (public domain, CC0 1.0).  Two runs write the same bytes.
 """
 
 from __future__ import annotations
