@@ -1,0 +1,65 @@
+"""The FastAPI application: routes, checks and error shape around one job queue.
+
+The application neither opens nor closes the queue: `server.py` (and a test) does that around it.
+Handlers are plain `def`: they run in a thread pool, call the queue's short methods and touch no
+pixels.
+"""
+
+from __future__ import annotations
+
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+
+import anyio.to_thread
+from fastapi import FastAPI
+from fastapi.responses import JSONResponse
+
+from matiere.jobs.engine import Engine
+from matiere.service import errors
+from matiere.service.deps import InFlight
+from matiere.service.routes import assets, health, jobs, materials, sweeps
+from matiere.service.security import LOOPBACK_NAMES, SecurityMiddleware
+from matiere.service.settings import Settings
+
+API_VERSION = "1.0.0"
+HANDLER_THREADS = 32
+
+_DESCRIPTION = """Renders materials described in JSON and says how large the error of each image is.
+Every error is an RFC 9457 problem document with a stable `code` and JSON pointers."""
+
+
+@asynccontextmanager
+async def _lifespan(_app: FastAPI) -> AsyncIterator[None]:
+    anyio.to_thread.current_default_thread_limiter().total_tokens = HANDLER_THREADS
+    yield
+
+
+def create_app(engine: Engine, settings: Settings) -> FastAPI:
+    """Return the ASGI application that serves `engine`."""
+    problem = {"description": "Problem document", "content": {errors.MEDIA_TYPE: {}}}
+    app = FastAPI(
+        title="matiere",
+        version=API_VERSION,
+        description=_DESCRIPTION,
+        openapi_url="/v1/openapi.json",
+        docs_url=None,  # the stock pages load scripts from elsewhere
+        redoc_url=None,
+        redirect_slashes=False,
+        lifespan=_lifespan,
+        default_response_class=JSONResponse,
+        responses={"4XX": problem, "5XX": problem},
+    )
+    app.state.engine = engine
+    app.state.settings = settings
+    app.state.in_flight = InFlight()
+    errors.install(app)
+    app.add_middleware(
+        SecurityMiddleware,
+        hosts=(*LOOPBACK_NAMES, *settings.allowed_hosts),
+        max_body_bytes=settings.max_body_bytes,
+        max_asset_bytes=settings.max_asset_bytes,
+        body_timeout_s=settings.body_timeout_s,
+    )
+    for routes in (jobs, sweeps, assets, materials, health):
+        app.include_router(routes.router)
+    return app

@@ -1,0 +1,321 @@
+"""The one error shape of the HTTP API: RFC 9457 problem documents.
+
+Every answer of status 4xx or 5xx is `application/problem+json` with
+
+    type    stable URN, `urn:matiere:problem:<code>`
+    code    the last part of `type`: what a program should switch on
+    title   one line, the same for every problem of this code
+    status  the HTTP status again
+    detail  what happened this time
+    remedy  what to do about it
+    errors  list of {pointer, code, message}; pointers are RFC 6901 pointers into the request body
+
+The table `CODES` is the list of all of them; docs/http.md repeats it and a test compares the two.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import uuid
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from fastapi import FastAPI, Request
+from fastapi.exceptions import RequestValidationError
+from starlette.exceptions import HTTPException
+from starlette.responses import Response
+
+from matiere.errors import MatiereError
+
+MEDIA_TYPE = "application/problem+json"
+TYPE_PREFIX = "urn:matiere:problem:"
+
+log = logging.getLogger("matiere.service")
+
+
+class Kind(NamedTuple):
+    """Status, title and remedy shared by every problem of one code."""
+
+    status: int
+    title: str
+    remedy: str
+
+
+CODES: dict[str, Kind] = {
+    "bad_request": Kind(400, "The request cannot be understood", "Correct the request."),
+    "invalid_json": Kind(
+        400, "The body is not valid JSON", "Send one JSON value, encoded as UTF-8."
+    ),
+    "invalid_idempotency_key": Kind(
+        400, "The Idempotency-Key is not usable", "Send 1 to 200 printable ASCII characters."
+    ),
+    "invalid_cursor": Kind(
+        400,
+        "The cursor is not one this service gave out",
+        "Use `next_cursor` of the last page unchanged, or start again without a cursor.",
+    ),
+    "origin_not_allowed": Kind(
+        403,
+        "Writes from another web origin are refused",
+        "Call the API from a program, or from a page served by this same host and port.",
+    ),
+    "not_found": Kind(
+        404, "There is nothing at this address", "See /v1/openapi.json for all routes."
+    ),
+    "job_not_found": Kind(
+        404, "There is no such job", "List the jobs with GET /v1/jobs; ids are given at submission."
+    ),
+    "sweep_not_found": Kind(
+        404, "There is no such sweep", "Use the id that POST /v1/sweeps answered."
+    ),
+    "artifact_not_found": Kind(
+        404,
+        "This job has no such file",
+        "GET the job: `links` lists the files it has.",
+    ),
+    "method_not_allowed": Kind(
+        405, "This address does not take this method", "The `Allow` header lists the methods."
+    ),
+    "request_timeout": Kind(
+        408, "The body came too slowly", "Send the body without long pauses."
+    ),
+    "job_not_finished": Kind(
+        409,
+        "The job has no result yet",
+        "GET the job until `state` is `succeeded`, then ask again.",
+    ),
+    "job_not_succeeded": Kind(
+        409,
+        "The job ended without a result",
+        "GET the job: `error` says why; correct the cause and submit again.",
+    ),
+    "sweep_not_finished": Kind(
+        409,
+        "The sweep has no result yet",
+        "GET the sweep until `state` is `succeeded`, then ask again.",
+    ),
+    "job_finished": Kind(
+        409, "The job has already ended", "Nothing is left to cancel; its result stays available."
+    ),
+    "idempotency_in_flight": Kind(
+        409,
+        "The first request with this Idempotency-Key is still being accepted",
+        "Wait a second and send the same request again.",
+    ),
+    "asset_mismatch": Kind(
+        422,
+        "The bytes received do not have the digest in the address",
+        "Compute SHA-256 over the file as sent, and upload again.",
+    ),
+    "body_too_large": Kind(
+        413,
+        "The body is too large",
+        "Upload meshes and textures with PUT /v1/assets/{sha256} and refer to them by name.",
+    ),
+    "content_type_not_supported": Kind(
+        415,
+        "The Content-Type is not the one this address takes",
+        "Send application/json, or application/octet-stream for assets.",
+    ),
+    "host_not_allowed": Kind(
+        421,
+        "The Host header names a host this service does not answer for",
+        "Use the URL that `matiere serve` printed, or add the name to the setting allowed_hosts.",
+    ),
+    "invalid_request": Kind(
+        422, "The request does not have the right shape", "See `errors` for each field."
+    ),
+    "json_too_deep": Kind(422, "The JSON is nested too deeply", "Nest at most 64 levels."),
+    "invalid_scene": Kind(
+        422,
+        "The scene has errors",
+        "See `errors` for each value; `matiere schema` prints the JSON Schema.",
+    ),
+    "invalid_sweep": Kind(
+        422, "The sweep has errors", "See `errors` for each value and docs/sweep.md for the format."
+    ),
+    "asset_missing": Kind(
+        422,
+        "The server lacks files that the scene uses",
+        "PUT each file of `missing` to /v1/assets/{sha256}, then send the same request again;"
+        " `matiere submit` does so.",
+    ),
+    "idempotency_conflict": Kind(
+        422,
+        "This Idempotency-Key was used with another body",
+        "Use a new key for a new request.",
+    ),
+    "memory_limit": Kind(
+        422, "The image would need more memory than one job may use", "Ask for a smaller film."
+    ),
+    "unknown_view": Kind(
+        422,
+        "The colour configuration, display or view is not known",
+        "`matiere info` lists the configuration used by default; see docs/scene.md.",
+    ),
+    "image_error": Kind(422, "An image file cannot be read", "Convert it and upload it again."),
+    "internal_error": Kind(
+        500,
+        "The service made a mistake",
+        "Nothing was accepted. Report the incident number together with the service log.",
+    ),
+    "disk_full": Kind(
+        507, "There is no room to store this", "Free disk space in the data directory."
+    ),
+    "draining": Kind(
+        503,
+        "The service is stopping",
+        "Accepted jobs are kept and go on after the restart. Send this again then.",
+    ),
+    "not_ready": Kind(503, "The service is not ready", "See `errors`; ask again in a few seconds."),
+    "busy": Kind(503, "The service cannot take this now", "Wait as `Retry-After` says."),
+}
+
+# codes of the package that HTTP tells more precisely
+ALIASES = {"not_ready": "job_not_finished"}
+
+_STATUS_CODES = {
+    400: "bad_request",
+    404: "not_found",
+    405: "method_not_allowed",
+    413: "body_too_large",
+    415: "content_type_not_supported",
+    503: "busy",
+}
+
+
+class Problem(HTTPException):
+    """An answer to refuse a request with; `code` must be a key of `CODES`."""
+
+    def __init__(
+        self,
+        code: str,
+        detail: str,
+        *,
+        errors: Iterable[Mapping[str, str]] = (),
+        headers: Mapping[str, str] | None = None,
+        remedy: str | None = None,
+        **extra: Any,
+    ) -> None:
+        self.kind = CODES[code]
+        self.code = code
+        self.errors = [dict(error) for error in errors]
+        self.remedy = remedy or self.kind.remedy
+        self.extra = extra
+        super().__init__(self.kind.status, detail, dict(headers) if headers else None)
+
+    def document(self) -> dict[str, Any]:
+        """Return the problem document as a dict ready for JSON."""
+        return {
+            "type": TYPE_PREFIX + self.code,
+            "code": self.code,
+            "title": self.kind.title,
+            "status": self.kind.status,
+            "detail": self.detail,
+            "remedy": self.remedy,
+            "errors": self.errors,
+            **self.extra,
+        }
+
+    def response(self) -> Response:
+        """Return the HTTP response."""
+        body = json.dumps(self.document(), ensure_ascii=True, allow_nan=False).encode()
+        headers = {"Cache-Control": "no-store", **(self.headers or {})}
+        return Response(body, self.status_code, headers, MEDIA_TYPE)
+
+
+def pointer(parts: Iterable[str | int]) -> str:
+    """Return the RFC 6901 pointer made of `parts`."""
+    return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in parts)
+
+
+def problem_of(error: MatiereError, prefix: str = "", own: tuple[str, ...] = ()) -> Problem:
+    """Translate an error of the package.
+
+    `prefix` is put before its JSON pointers, except before those that start in one of `own`: a
+    submission holds the scene below "/scene", its stop rule beside it. A code of `CODES` keeps
+    its status; another with a pointer is a mistake in the request; what is left is ours.
+    """
+
+    def place(at: str) -> str:
+        return at if at.split("/")[1:2] and at.split("/")[1] in own else prefix + at
+
+    errors = [
+        {**item, "pointer": place(str(item.get("pointer") or ""))}
+        for item in getattr(error, "errors", None) or []
+    ]
+    code = ALIASES.get(error.code, error.code)
+    if not errors and error.pointer:
+        errors = [{"pointer": place(error.pointer), "code": code, "message": error.message}]
+    if code not in CODES:
+        code = "invalid_scene" if errors else "internal_error"
+    detail = _summary(errors) if errors else error.message
+    retry = {"Retry-After": "5"} if CODES[code].status == 503 else None
+    return Problem(code, detail, errors=errors, headers=retry)
+
+
+def _summary(errors: list[dict[str, str]]) -> str:
+    first = f"{errors[0]['pointer'] or 'the whole document'}: {errors[0]['message']}"
+    if len(errors) == 1:
+        return first
+    return f"{len(errors)} errors; the first is {first}"
+
+
+def _incident(error: Exception, request: Request) -> Problem:
+    incident = uuid.uuid4().hex[:12]
+    log.error(
+        "incident %s at %s %s", incident, request.method, request.url.path, exc_info=error
+    )
+    return Problem(
+        "internal_error", f"An unexpected error; incident {incident}.", incident=incident
+    )
+
+
+def install(app: FastAPI) -> None:
+    """Make every error of `app` a problem document."""
+
+    def on_http(request: Request, error: Exception) -> Response:
+        if isinstance(error, Problem):
+            return error.response()
+        assert isinstance(error, HTTPException)
+        code = _STATUS_CODES.get(error.status_code, "bad_request")
+        path = request.url.path
+        detail = {
+            "not_found": f"Nothing is served at {path}.",
+            "method_not_allowed": f"{path} does not take {request.method}.",
+        }.get(code, str(error.detail))
+        return Problem(code, detail, headers=error.headers).response()
+
+    def on_validation(_request: Request, error: Exception) -> Response:
+        assert isinstance(error, RequestValidationError)
+        return _validation_problem(error).response()
+
+    def on_matiere(request: Request, error: Exception) -> Response:
+        assert isinstance(error, MatiereError)
+        problem = problem_of(error)
+        if problem.code == "internal_error":
+            problem = _incident(error, request)
+        return problem.response()
+
+    def on_bug(request: Request, error: Exception) -> Response:
+        return _incident(error, request).response()
+
+    app.add_exception_handler(HTTPException, on_http)
+    app.add_exception_handler(RequestValidationError, on_validation)
+    app.add_exception_handler(MatiereError, on_matiere)
+    app.add_exception_handler(Exception, on_bug)
+
+
+def _validation_problem(error: RequestValidationError) -> Problem:
+    errors = []
+    for item in error.errors():
+        where, *path = item["loc"]
+        if where == "body":
+            at = pointer(path)
+            message = item["msg"]
+        else:  # query parameters and headers have no place in the body: name them in words
+            at = ""
+            message = f"{where} parameter {'.'.join(map(str, path))}: {item['msg']}"
+        errors.append({"pointer": at, "code": item["type"], "message": message})
+    return Problem("invalid_request", _summary(errors), errors=errors)

@@ -1,0 +1,123 @@
+"""Sweeps: one base scene, some axes, a job per cell, a contact sheet."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+
+from matiere.errors import MatiereError
+from matiere.jobs.engine import Engine
+from matiere.jobs.errors import JobNotFound, NotReadyYet
+from matiere.jobs.job import Sweep
+from matiere.service import deps
+from matiere.service.deps import EngineDep, InFlightDep, KeyDep
+from matiere.service.errors import Problem
+from matiere.service.jsonbody import StrictRoute
+from matiere.service.routes.jobs import (
+    MAX_PAGE,
+    PAGE,
+    RETRY_AFTER,
+    accept,
+    refuse_missing,
+    submission_problem,
+)
+from matiere.service.schemas import SweepPage, SweepSubmission, SweepView
+
+router = APIRouter(prefix="/v1/sweeps", tags=["sweeps"], route_class=StrictRoute)
+
+
+@router.post("", status_code=202, response_model=SweepView)
+def submit_sweep(
+    submission: SweepSubmission,
+    response: Response,
+    engine: EngineDep,
+    in_flight: InFlightDep,
+    key: KeyDep,
+) -> SweepView:
+    """Queue one job per cell, all or none. The cells are durable when this answers."""
+    pins = submission.pins()
+    with in_flight.hold(key):
+        refuse_missing(engine, pins)
+        try:
+            sweep = engine.submit_sweep(
+                submission.base,
+                [axis.plain() for axis in submission.axes],
+                mode=submission.mode,
+                stop=submission.stop_rule(),
+                assets=pins,
+                priority=submission.priority,
+                label=submission.label,
+                columns=submission.columns,
+                idempotency_key=key,
+            )
+        except MatiereError as error:
+            raise submission_problem(error, "/base", ("axes", "stop")) from error
+    accept(response, f"/v1/sweeps/{sweep.id}")
+    return SweepView.of(sweep)
+
+
+@router.get("", response_model=SweepPage)
+def list_sweeps(
+    engine: EngineDep,
+    cursor: Annotated[str | None, Query(max_length=500)] = None,
+    limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = PAGE,
+) -> SweepPage:
+    """List sweeps, newest first."""
+    after = deps.decode_cursor("sweeps", cursor)
+    sweeps = engine.list_sweeps(after=after, limit=limit + 1)
+    more, sweeps = len(sweeps) > limit, sweeps[:limit]
+    next_cursor = deps.encode_cursor("sweeps", sweeps[-1].id) if more else None
+    return SweepPage(sweeps=[SweepView.of(sweep) for sweep in sweeps], next_cursor=next_cursor)
+
+
+@router.post("/{sweep_id}:cancel", response_model=SweepView)
+def cancel_sweep(sweep_id: str, engine: EngineDep) -> SweepView:
+    """Cancel every cell that has not ended; finished cells keep their results."""
+    find_sweep(engine, sweep_id)
+    return SweepView.of(engine.cancel_sweep(sweep_id))
+
+
+@router.get("/{sweep_id}", response_model=SweepView)
+def get_sweep(sweep_id: str, response: Response, engine: EngineDep) -> SweepView:
+    """Read a sweep: its axes and how many cells are in which state."""
+    sweep = find_sweep(engine, sweep_id)
+    if not sweep.done:
+        response.headers.update(RETRY_AFTER)
+    return SweepView.of(sweep)
+
+
+@router.api_route(
+    "/{sweep_id}/contact-sheet.png",
+    methods=["GET", "HEAD"],
+    response_class=Response,
+    responses={200: {"content": {"image/png": {}}, "description": "The contact sheet"}},
+    operation_id="get_sweep_contact_sheet",
+)
+def contact_sheet(sweep_id: str, request: Request, engine: EngineDep) -> Response:
+    """All cells on one labelled sheet."""
+    sweep = find_sweep(engine, sweep_id)
+    try:
+        artifact = engine.sweep_artifact(sweep_id)
+    except NotReadyYet:
+        ended = sum(n for state, n in sweep.counts.items() if state not in ("queued", "running"))
+        raise Problem(
+            "sweep_not_finished",
+            f"{ended} of {sweep.cells} cells have ended.",
+            headers=RETRY_AFTER,
+            counts=sweep.counts,
+            links={"sweep": f"/v1/sweeps/{sweep_id}"},
+        ) from None
+    except JobNotFound:
+        raise Problem("artifact_not_found", "The sweep has no contact sheet.") from None
+    return deps.file_response(request, artifact, f"{sweep_id}-contact-sheet.png")
+
+
+def find_sweep(engine: Engine, sweep_id: str) -> Sweep:
+    """Return the sweep or raise `sweep_not_found`."""
+    try:
+        if deps.is_id(sweep_id):
+            return engine.get_sweep(sweep_id)
+    except JobNotFound:
+        pass
+    raise Problem("sweep_not_found", f"No sweep has the id {sweep_id[:80]!r}.")

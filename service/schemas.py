@@ -1,0 +1,292 @@
+"""The JSON that goes over the wire, besides scenes: submissions and views of jobs and sweeps.
+
+A scene is passed on as it came (`dict`): `matiere.jobs` validates it once, against the models of
+`matiere.scene`, and its errors come back with pointers into the submission.
+"""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Annotated, Any, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, model_validator
+
+from matiere.jobs.job import DEFAULT_PRIORITY, MAX_PRIORITY, MIN_PRIORITY, Job, JobState, Sweep
+
+Digest = Annotated[str, StringConstraints(pattern=r"^(sha256:)?[0-9a-f]{64}$")]
+AssetName = Annotated[str, StringConstraints(min_length=1, max_length=1024)]
+Label = Annotated[str, StringConstraints(max_length=200)]
+Scene = Annotated[
+    dict[str, Any],
+    Field(description="A scene, version 1; GET /v1/schema is its JSON Schema."),
+]
+SWEEP_MODES = ("grid", "zip")
+
+
+class _Request(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+
+class Target(_Request):
+    """The error to reach."""
+
+    relmse: float = Field(gt=0, description="estimated relative mean squared error of the image")
+
+
+class Stop(_Request):
+    """When to stop rendering: whichever of these comes first."""
+
+    spp: int | None = Field(None, ge=1, description="samples per pixel")
+    seconds: float | None = Field(None, gt=0, description="render seconds")
+    target_error: Target | None = None
+
+    def given(self) -> dict[str, Any] | None:
+        """Return only what was set, or None."""
+        return self.model_dump(exclude_none=True) or None
+
+
+class _Submission(_Request):
+    assets: dict[AssetName, Digest] = Field(
+        default_factory=dict,
+        description="file name in the scene -> SHA-256 of its bytes, as uploaded with"
+        " PUT /v1/assets/{sha256}; other names are looked up below the server's asset folder",
+    )
+    stop: Stop | None = Field(None, description="overrides the scene's `render` section")
+    priority: int = Field(
+        DEFAULT_PRIORITY, ge=MIN_PRIORITY, le=MAX_PRIORITY, description="higher runs first"
+    )
+    label: Label = ""
+    cache: Literal["use"] = Field(
+        "use", description="an equal film rendered before is continued, never rendered again"
+    )
+
+    def pins(self) -> dict[str, str]:
+        """Return file name -> bare lower-case hex digest."""
+        return {name: value.removeprefix("sha256:") for name, value in self.assets.items()}
+
+    def stop_rule(self) -> dict[str, Any] | None:
+        """Return the stop rule as the queue takes it."""
+        return self.stop.given() if self.stop else None
+
+
+class JobSubmission(_Submission):
+    """One image to render."""
+
+    scene: Scene
+
+
+class Axis(_Request):
+    """One thing that varies: exactly one of `values`, `linspace`, `logspace`."""
+
+    pointer: str | list[str] = Field(description="JSON pointer(s) into the base scene")
+    values: list[JsonValue] | None = Field(None, min_length=1)
+    linspace: tuple[float, float, int] | None = Field(
+        None, description="first, last, count", strict=False
+    )
+    logspace: tuple[float, float, int] | None = Field(
+        None, description="first, last, count; first and last are values, not exponents",
+        strict=False,
+    )
+    label: Label | None = None
+    labels: list[Label] | None = Field(None, description="one text per value")
+
+    @model_validator(mode="after")
+    def _one_kind(self) -> Axis:
+        given = [k for k in ("values", "linspace", "logspace") if getattr(self, k) is not None]
+        if len(given) != 1:
+            raise ValueError(
+                "give exactly one of values, linspace, logspace"
+                + (f", not {' and '.join(given)}" if given else "")
+            )
+        return self
+
+    def plain(self) -> dict[str, Any]:
+        """Return the axis as the queue takes it."""
+        return self.model_dump(exclude_none=True)
+
+
+class SweepSubmission(_Submission):
+    """A base scene and the axes along which it varies: one job per cell."""
+
+    base: Scene
+    axes: list[Axis] = Field(min_length=1, max_length=16)
+    mode: Literal["grid", "zip"] = Field("grid", description="all combinations, or in step")
+    columns: int | None = Field(None, ge=1, le=1000, description="columns of the contact sheet")
+
+
+class ErrorView(BaseModel):
+    """Why a job failed."""
+
+    code: str
+    message: str
+    pointer: str
+    log_tail: str
+
+
+class JobView(BaseModel):
+    """A job as it stands."""
+
+    id: str
+    state: JobState
+    label: str
+    priority: int
+    stop: dict[str, Any]
+    width: int
+    height: int
+    film_key: str
+    cached: bool = Field(description="an older film already met the stop rule")
+    created: datetime
+    started: datetime | None
+    finished: datetime | None
+    spp: int = Field(description="samples per pixel so far")
+    progress: float = Field(description="0 to 1; 1 only when ended")
+    seconds: float = Field(description="render seconds of the film so far")
+    relmse: float | None = Field(description="newest error estimate; null while unknown")
+    relmse_interval: tuple[float, float] | None = Field(description="its 95 % interval")
+    stop_reason: str | None
+    error: ErrorView | None
+    sweep_id: str | None
+    cell: int | None
+    parameters: dict[str, Any]
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, job: Job) -> JobView:
+        """Show `job`."""
+        self_link = f"/v1/jobs/{job.id}"
+        links = {"self": self_link}
+        if not job.state.final:
+            links["cancel"] = f"{self_link}:cancel"
+        for kind in job.artifacts:
+            if kind in JOB_FILES:
+                links[JOB_FILES[kind][0]] = f"{self_link}/{JOB_FILES[kind][1]}"
+        if job.sweep_id:
+            links["sweep"] = f"/v1/sweeps/{job.sweep_id}"
+        error = job.error
+        return cls(
+            id=job.id,
+            state=job.state,
+            label=job.label,
+            priority=job.priority,
+            stop=job.stop,
+            width=job.width,
+            height=job.height,
+            film_key=job.film_key,
+            cached=job.cached,
+            created=_time(job.created),
+            started=_time_or_none(job.started),
+            finished=_time_or_none(job.finished),
+            spp=job.spp,
+            progress=job.progress,
+            seconds=job.seconds,
+            relmse=job.relmse,
+            relmse_interval=job.relmse_interval,
+            stop_reason=job.stop_reason,
+            error=ErrorView(**vars(error)) if error else None,
+            sweep_id=job.sweep_id,
+            cell=job.cell,
+            parameters=job.parameters,
+            links=links,
+        )
+
+
+# artifact kind -> (name of its link, last part of its URL)
+JOB_FILES = {
+    "image.png": ("image_png", "image.png"),
+    "image.exr": ("image_exr", "image.exr"),
+    "report.json": ("report", "report"),
+    "error.svg": ("error_plot", "error-plot.svg"),
+}
+
+
+class JobPage(BaseModel):
+    """One page of jobs."""
+
+    jobs: list[JobView]
+    next_cursor: str | None = Field(description="null on the last page")
+
+
+class SweepView(BaseModel):
+    """A sweep as it stands."""
+
+    id: str
+    state: JobState = Field(description="of the sweep as a whole")
+    label: str
+    mode: str
+    axes: list[dict[str, Any]]
+    cells: int
+    counts: dict[str, int] = Field(description="cells by state")
+    columns: int
+    created: datetime
+    finished: datetime | None
+    links: dict[str, str]
+
+    @classmethod
+    def of(cls, sweep: Sweep) -> SweepView:
+        """Show `sweep`."""
+        self_link = f"/v1/sweeps/{sweep.id}"
+        links = {"self": self_link, "jobs": f"/v1/jobs?sweep={sweep.id}"}
+        if not sweep.done:
+            links["cancel"] = f"{self_link}:cancel"
+        if "contact-sheet.png" in sweep.artifacts:
+            links["contact_sheet"] = f"{self_link}/contact-sheet.png"
+        return cls(
+            id=sweep.id,
+            state=sweep_state(sweep),
+            label=sweep.label,
+            mode=sweep.mode,
+            axes=sweep.axes,
+            cells=sweep.cells,
+            counts=sweep.counts,
+            columns=sweep.columns,
+            created=_time(sweep.created),
+            finished=_time_or_none(sweep.finished),
+            links=links,
+        )
+
+
+class SweepPage(BaseModel):
+    """One page of sweeps."""
+
+    sweeps: list[SweepView]
+    next_cursor: str | None
+
+
+class AssetView(BaseModel):
+    """An asset that the server holds."""
+
+    sha256: str
+    created: bool = Field(description="false when the server held it already")
+
+
+class CheckView(BaseModel):
+    """One line of a readiness answer."""
+
+    ok: bool
+    detail: str
+
+
+class ReadyView(BaseModel):
+    """The answer of a ready service."""
+
+    ready: bool
+    checks: dict[str, CheckView]
+
+
+def sweep_state(sweep: Sweep) -> JobState:
+    """Return one state for the whole: the worst end once every cell has ended."""
+    count = {JobState(state): n for state, n in sweep.counts.items() if n}
+    if not sweep.done:
+        return JobState.QUEUED if set(count) <= {JobState.QUEUED} else JobState.RUNNING
+    for state in (JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED):
+        if state in count:
+            return state
+    return JobState.SUCCEEDED
+
+
+def _time(seconds: float) -> datetime:
+    return datetime.fromtimestamp(seconds, UTC)
+
+
+def _time_or_none(seconds: float | None) -> datetime | None:
+    return None if seconds is None else _time(seconds)

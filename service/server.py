@@ -1,0 +1,225 @@
+"""Running the application: sockets, start, announcement, signals, drain, end.
+
+Uvicorn runs in a thread of its own; the main thread waits for signals. On the first SIGTERM or
+SIGINT the queue drains while HTTP still answers (`/readyz` and submissions say 503), then all
+stops with exit code 0. A second signal ends the process at once: render children end when their
+control pipe closes, and the store is safe at any moment.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import ipaddress
+import logging
+import logging.handlers
+import os
+import signal
+import socket
+import tempfile
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from types import FrameType
+
+import psutil
+import uvicorn
+from fastapi import FastAPI
+
+from matiere.errors import MatiereError
+from matiere.service.lockfile import read_announcement
+
+LOG_BYTES, LOG_FILES = 10 * 2**20, 5
+LISTEN_BACKLOG = 512
+KEEP_ALIVE_S = 30
+START_TIMEOUT_S = 20.0
+
+log = logging.getLogger("matiere.service")
+
+
+class ServeError(MatiereError):
+    """The service cannot start as asked."""
+
+    default_code = "cannot_serve"
+
+
+class PortBusy(ServeError):
+    """Another process listens on the port."""
+
+    default_code = "port_busy"
+
+
+def check_host(host: str) -> None:
+    """Raise `ServeError` unless `host` is a loopback address: there are no API keys yet."""
+    try:
+        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        loopback = False
+    if not loopback:
+        raise ServeError(
+            f"matiere serve listens on loopback only, not on {host}: it has no access control yet. "
+            "Keep --host 127.0.0.1 and reach it from elsewhere through a tunnel, for example "
+            "`ssh -L 8470:127.0.0.1:8470 <this machine>`."
+        )
+
+
+def bind(host: str, port: int) -> socket.socket:
+    """Return a bound socket that does not listen yet; raise `PortBusy` naming the holder."""
+    check_host(host)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    sock = socket.socket(family, socket.SOCK_STREAM)
+    sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait
+    try:
+        sock.bind((host, port))
+    except OSError as error:
+        sock.close()
+        if error.errno == errno.EADDRINUSE:
+            raise PortBusy(
+                f"port {port} on {host} is in use by {_holder(port)}; stop it, or choose another "
+                "port (`matiere serve --port 0` takes any free one)"
+            ) from None
+        if error.errno == errno.EACCES:
+            raise ServeError(
+                f"this user may not listen on port {port}; choose one above 1023"
+            ) from None
+        raise ServeError(f"cannot listen on {host}:{port}: {error.strerror}") from None
+    return sock
+
+
+def url_of(sock: socket.socket) -> str:
+    """Return the base URL of a bound TCP socket."""
+    host, port = sock.getsockname()[:2]
+    return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
+
+
+def _holder(port: int) -> str:
+    with contextlib.suppress(psutil.Error, OSError):
+        for connection in psutil.net_connections("tcp"):
+            listening = connection.status == psutil.CONN_LISTEN
+            if listening and connection.laddr.port == port and connection.pid:
+                command = " ".join(psutil.Process(connection.pid).cmdline())[:120]
+                return f"process {connection.pid} ({command})"
+    return "another process (of another user, so its name is hidden)"
+
+
+class BackgroundServer:
+    """Uvicorn in a thread: `with BackgroundServer(app, sock):` serves until the block ends."""
+
+    def __init__(self, app: FastAPI, sock: socket.socket) -> None:
+        config = uvicorn.Config(
+            app,
+            log_config=None,
+            access_log=log.isEnabledFor(logging.INFO),
+            server_header=False,
+            timeout_keep_alive=KEEP_ALIVE_S,
+            timeout_graceful_shutdown=5,
+            h11_max_incomplete_event_size=64 * 2**10,
+            ws="none",
+        )
+        self._server = _Quiet(config)
+        self._sock = sock
+        self._thread = threading.Thread(target=self._run, name="http", daemon=True)
+        self._failure: BaseException | None = None
+
+    def _run(self) -> None:
+        try:
+            self._server.run(sockets=[self._sock])
+        except BaseException as error:
+            self._failure = error
+
+    def __enter__(self) -> BackgroundServer:
+        """Start, and return once requests are answered."""
+        self._sock.listen(LISTEN_BACKLOG)
+        self._thread.start()
+        deadline = time.monotonic() + START_TIMEOUT_S
+        while not self._server.started:
+            if not self._thread.is_alive() or time.monotonic() > deadline:
+                self.stop()
+                raise ServeError("the HTTP server did not start") from self._failure
+            time.sleep(0.005)
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        """Stop."""
+        self.stop()
+
+    @property
+    def alive(self) -> bool:
+        """Tell whether requests are still answered."""
+        return self._thread.is_alive()
+
+    def stop(self) -> None:
+        """Answer the requests that have begun, then close."""
+        self._server.should_exit = True
+        self._thread.join(10)
+        self._sock.close()
+
+
+class _Quiet(uvicorn.Server):
+    @contextlib.contextmanager
+    def capture_signals(self) -> Iterator[None]:
+        """Leave signals to the main thread."""
+        yield
+
+
+@contextlib.contextmanager
+def private_socket() -> Iterator[tuple[socket.socket, str]]:
+    """Give a Unix socket that only this user can reach, and its path."""
+    with tempfile.TemporaryDirectory(prefix="matiere-") as folder:  # mode 0700
+        path = str(Path(folder, "http.sock"))
+        sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+        sock.bind(path)
+        try:
+            yield sock, path
+        finally:
+            sock.close()
+
+
+def wait_for_signal(server: BackgroundServer) -> str:
+    """Block until SIGTERM or SIGINT (a second one ends the process) and return its name."""
+    arrived = threading.Event()
+    names: list[str] = []
+
+    def on_signal(number: int, _frame: FrameType | None) -> None:
+        names.append(signal.Signals(number).name)
+        if len(names) > 1:
+            os._exit(1)
+        arrived.set()
+
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, on_signal)
+    while not arrived.wait(1.0):
+        if not server.alive:
+            raise ServeError("the HTTP server stopped by itself; see the log")
+    return names[0]
+
+
+def open_log(data: Path, level: str) -> Path:
+    """Write this process's log to `<data>/logs/serve.log`, rotated; return its path."""
+    folder = data / "logs"
+    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
+    path = folder / "serve.log"
+    handler = logging.handlers.RotatingFileHandler(
+        path, maxBytes=LOG_BYTES, backupCount=LOG_FILES, encoding="utf-8"
+    )
+    formatter = logging.Formatter("%(asctime)s %(levelname)s %(name)s %(message)s")
+    formatter.converter = time.gmtime
+    formatter.default_time_format = "%Y-%m-%dT%H:%M:%S"
+    formatter.default_msec_format = "%s.%03dZ"
+    handler.setFormatter(formatter)
+    root = logging.getLogger()
+    root.addHandler(handler)
+    root.setLevel(level.upper())
+    return path
+
+
+def refuse_second(data: Path, busy: PortBusy, port: int) -> ServeError:
+    """Tell a busy port held by this very data directory's server from any other."""
+    other = read_announcement(data)
+    if other is not None and other.url.rstrip("/").endswith(f":{port}"):
+        return ServeError(
+            f"matiere serves {data} already, at {other.url} (pid {other.pid}); "
+            f"talk to that one, or stop it with `kill {other.pid}`"
+        )
+    return busy

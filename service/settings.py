@@ -1,0 +1,195 @@
+"""The settings of the service, and where each value came from.
+
+    flags  >  environment  >  files  >  defaults
+
+Environment variables are `MATIERE_` plus the name in capitals (`MATIERE_PORT`); the data directory
+also comes from systemd's `STATE_DIRECTORY`. Files are TOML with the same names, read in the order
+`--config` (or `MATIERE_CONFIG`), `$XDG_CONFIG_HOME/matiere/config.toml`,
+`/etc/matiere/config.toml`; a value set in an earlier file hides the same value in a later one.
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import tomllib
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import platformdirs
+from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
+
+from matiere.errors import MatiereError
+
+ENVIRONMENT_PREFIX = "MATIERE_"
+SYSTEM_CONFIG = Path("/etc/matiere/config.toml")
+# Read by other parts of the package; not settings of the service.
+OTHER_ENVIRONMENT = frozenset({"MATIERE_CONFIG"})
+
+
+class SettingsError(MatiereError):
+    """A setting is unknown, misspelt or out of range; the message says where it was set."""
+
+    default_code = "invalid_setting"
+
+
+def default_data_dir() -> Path:
+    """Return `$XDG_DATA_HOME/matiere`."""
+    return Path(platformdirs.user_data_path("matiere"))
+
+
+class Settings(BaseModel):
+    """All settings; frozen, unknown names refused."""
+
+    model_config = ConfigDict(frozen=True, extra="forbid", validate_default=True)
+
+    data: Path = Field(
+        default_factory=default_data_dir,
+        description="data directory: store, artifacts, assets, logs",
+    )
+    host: str = Field("127.0.0.1", description="address to listen on; loopback only")
+    port: int = Field(8470, ge=0, le=65535, description="TCP port; 0 takes any free one")
+    allowed_hosts: tuple[str, ...] = Field(
+        (), description="more names a Host header may carry, besides the loopback names"
+    )
+    children: int | None = Field(
+        None, ge=1, le=1024, description="render processes; none: usable cores / threads_per_child"
+    )
+    threads_per_child: int = Field(1, ge=1, le=1024, description="render threads of each process")
+    database_url: str | None = Field(None, description="job store; none: SQLite below `data`")
+    max_body_bytes: int = Field(
+        8 * 2**20, ge=2**10, le=2**30, description="largest JSON body in bytes"
+    )
+    max_asset_bytes: int = Field(
+        2 * 2**30, ge=2**10, le=2**40, description="largest uploaded asset in bytes"
+    )
+    min_free_bytes: int = Field(
+        512 * 2**20, ge=0, description="free disk space below which no new work is taken, in bytes"
+    )
+    body_timeout_s: float = Field(
+        30.0, gt=0, le=3600, description="longest pause within a request body, in seconds"
+    )
+    drain_timeout_s: float = Field(
+        8.0, ge=0, le=3600, description="time given to running chunks at SIGTERM, in seconds"
+    )
+    log_level: Literal["debug", "info", "warning", "error"] = Field(
+        "info", description="least severe line written to the log"
+    )
+
+    @field_validator("data")
+    @classmethod
+    def _expand(cls, value: Path) -> Path:
+        return value.expanduser().absolute()
+
+
+@dataclass(frozen=True)
+class Resolved:
+    """Settings with the origin of each value, for `matiere config` and error messages."""
+
+    settings: Settings
+    origins: Mapping[str, str]
+    files: tuple[Path, ...]  # configuration files that were read
+    unknown: tuple[str, ...]  # MATIERE_* variables that are no setting
+
+
+def resolve(
+    flags: Mapping[str, Any] | None = None,
+    *,
+    config: str | Path | None = None,
+    environ: Mapping[str, str] | None = None,
+) -> Resolved:
+    """Gather settings from flags (None = not given), environment, files and defaults.
+
+    Raises `SettingsError` for an unknown name, a bad value or an unreadable file.
+    """
+    environ = os.environ if environ is None else environ
+    values: dict[str, Any] = {}
+    origins: dict[str, str] = {}
+    files: list[Path] = []
+
+    def take(name: str, value: Any, origin: str) -> None:
+        if name not in values and value is not None:
+            values[name], origins[name] = value, origin
+
+    for name, value in (flags or {}).items():
+        take(name, value, f"flag --{name.replace('_', '-')}")
+    for name, variable, text in _from_environment(environ):
+        take(name, text, f"environment {variable}")
+    for path, must_exist in _candidates(config, environ):
+        content = _read(path, must_exist)
+        if content is None:
+            continue
+        files.append(path)
+        for name, value in content.items():
+            take(name, value, f"file {path}")
+    try:
+        settings = Settings.model_validate(values)
+    except ValidationError as error:
+        raise SettingsError(_explain(error, values, origins)) from None
+    for name in Settings.model_fields:
+        origins.setdefault(name, "default")
+    return Resolved(settings, origins, tuple(files), _unknown(environ))
+
+
+def _from_environment(environ: Mapping[str, str]) -> Iterator[tuple[str, str, Any]]:
+    for name in Settings.model_fields:
+        text = environ.get(variable := ENVIRONMENT_PREFIX + name.upper(), "")
+        if text and name == "allowed_hosts":
+            yield name, variable, [part.strip() for part in text.split(",") if part.strip()]
+        elif text:
+            yield name, variable, text
+    if state := environ.get("STATE_DIRECTORY", ""):  # systemd: may be a colon-separated list
+        yield "data", "STATE_DIRECTORY", state.split(":")[0]
+
+
+def _candidates(
+    config: str | Path | None, environ: Mapping[str, str]
+) -> Iterator[tuple[Path, bool]]:
+    if given := config or environ.get("MATIERE_CONFIG"):
+        yield Path(given).expanduser().absolute(), True
+    home = environ.get("XDG_CONFIG_HOME") or Path(environ.get("HOME", "~"), ".config")
+    yield Path(home, "matiere", "config.toml").expanduser().absolute(), False
+    yield SYSTEM_CONFIG, False
+
+
+def _read(path: Path, must_exist: bool) -> dict[str, Any] | None:
+    try:
+        content = tomllib.loads(path.read_text(encoding="utf-8"))
+    except (FileNotFoundError, NotADirectoryError):
+        if must_exist:
+            raise SettingsError(f"the configuration file {path} does not exist") from None
+        return None
+    except (OSError, UnicodeDecodeError) as error:
+        raise SettingsError(f"cannot read the configuration file {path}: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SettingsError(f"{path} is not valid TOML: {error}") from None
+    for name in content:
+        if name not in Settings.model_fields:
+            raise SettingsError(f"{path}: there is no setting {name!r}{_did_you_mean(name)}")
+    return content
+
+
+def _explain(error: ValidationError, values: Mapping[str, Any], origins: Mapping[str, str]) -> str:
+    lines = []
+    for item in error.errors():
+        name = str(item["loc"][0]) if item["loc"] else ""
+        if item["type"] == "extra_forbidden":
+            lines.append(f"there is no setting {name!r}{_did_you_mean(name)}")
+        else:
+            lines.append(f"{name} = {values.get(name)!r} ({origins.get(name)}): {item['msg']}")
+    return "\n".join(lines)
+
+
+def _did_you_mean(name: str) -> str:
+    close = difflib.get_close_matches(name, Settings.model_fields, n=1)
+    if close:
+        return f"; did you mean {close[0]!r}?"
+    return f"; the settings are {', '.join(Settings.model_fields)}"
+
+
+def _unknown(environ: Mapping[str, str]) -> tuple[str, ...]:
+    known = {ENVIRONMENT_PREFIX + name.upper() for name in Settings.model_fields}
+    mine = {name for name in environ if name.startswith(ENVIRONMENT_PREFIX)}
+    return tuple(sorted(mine - known - OTHER_ENVIRONMENT))

@@ -1,0 +1,278 @@
+"""A job queue in memory, for tests of the HTTP layer alone: it renders nothing."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import threading
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+from matiere.errors import Fault, SceneValidationError
+from matiere.jobs.engine import Engine
+from matiere.jobs.errors import AssetMismatch, Draining, IdempotencyConflict, JobNotFound
+from matiere.jobs.errors import NotReadyYet
+from matiere.jobs.job import (
+    ARTIFACT_MEDIA_TYPES,
+    Artifact,
+    Check,
+    Event,
+    Job,
+    JobError,
+    JobState,
+    Readiness,
+    Sweep,
+)
+
+FILES = ("image.png", "image.exr", "report.json", "error.svg")
+
+
+class FakeEngine(Engine):
+    """Keeps jobs, sweeps and assets in dicts; `finish` ends a job by hand."""
+
+    def __init__(self, folder: Path) -> None:
+        self.data_dir = folder
+        self.children, self.threads_per_child = 1, 1
+        self.jobs: dict[str, Job] = {}
+        self.sweeps: dict[str, Sweep] = {}
+        self.assets: set[str] = set()
+        self.keys: dict[str, tuple[str, str]] = {}
+        self.is_draining = False
+        self.failing: Exception | None = None  # raised by the next submission
+        self.gate: threading.Event | None = None  # held submissions wait for it
+        self.submissions = 0
+
+    def close(self) -> None:
+        """Do nothing."""
+
+    def submit_job(
+        self,
+        scene: Mapping[str, Any],
+        *,
+        stop: Mapping[str, Any] | None = None,
+        assets: Mapping[str, str] | None = None,
+        priority: int = 50,
+        label: str = "",
+        idempotency_key: str | None = None,
+    ) -> Job:
+        """Keep a job."""
+        if self.gate is not None:
+            self.gate.wait(10)
+        if self.failing is not None:
+            raise self.failing
+        if self.is_draining:
+            raise Draining("the service is stopping")
+        if scene.get("version") != 1:
+            raise SceneValidationError([Fault("/version", "literal_error", "must be 1")])
+        body = json.dumps([scene, stop, assets, priority, label], sort_keys=True, default=str)
+        if idempotency_key in self.keys:
+            known, job_id = self.keys[idempotency_key]
+            if known != body:
+                raise IdempotencyConflict("the key was used with another request")
+            return self.jobs[job_id]
+        job = self._keep(label, priority, dict(stop or {}))
+        if idempotency_key is not None:
+            self.keys[idempotency_key] = (body, job.id)
+        return job
+
+    def _keep(self, label: str, priority: int, stop: dict[str, Any], **more: Any) -> Job:
+        self.submissions += 1
+        job = Job(
+            id=f"019aaaaa-0000-7000-8000-{len(self.jobs):012d}",
+            state=JobState.QUEUED,
+            label=label,
+            priority=priority,
+            stop=stop,
+            width=8,
+            height=8,
+            film_key="0" * 64,
+            cached=False,
+            created=time.time(),
+            started=None,
+            finished=None,
+            spp=0,
+            progress=0.0,
+            seconds=0.0,
+            relmse=None,
+            relmse_interval=None,
+            stop_reason=None,
+            error=None,
+            sweep_id=more.get("sweep_id"),
+            cell=more.get("cell"),
+            parameters=more.get("parameters", {}),
+            artifacts=(),
+        )
+        self.jobs[job.id] = job
+        return job
+
+    def finish(self, job_id: str, state: JobState = JobState.SUCCEEDED) -> Job:
+        """End a job; a success has all files."""
+        ok = state is JobState.SUCCEEDED
+        job = replace(
+            self.jobs[job_id],
+            state=state,
+            started=time.time(),
+            finished=time.time(),
+            spp=16 if ok else 0,
+            progress=1.0,
+            relmse=0.01 if ok else None,
+            relmse_interval=(0.009, 0.011) if ok else None,
+            stop_reason="spp" if ok else None,
+            error=None if ok else JobError("crashed", "the child crashed 3 times"),
+            artifacts=FILES if ok else (),
+        )
+        self.jobs[job_id] = job
+        return job
+
+    def get_job(self, job_id: str) -> Job:
+        """Return a job."""
+        if job_id not in self.jobs:
+            raise JobNotFound(job_id)
+        return self.jobs[job_id]
+
+    def list_jobs(
+        self,
+        *,
+        state: JobState | None = None,
+        sweep_id: str | None = None,
+        after: str | None = None,
+        limit: int = 100,
+    ) -> list[Job]:
+        """List jobs, newest first."""
+        jobs = [
+            job
+            for job in self.jobs.values()
+            if (state is None or job.state == state)
+            and (sweep_id is None or job.sweep_id == sweep_id)
+        ]
+        jobs.sort(key=lambda job: job.id, reverse=sweep_id is None)
+        if after is not None:
+            ids = [job.id for job in jobs]
+            jobs = jobs[ids.index(after) + 1 :]
+        return jobs[:limit]
+
+    def cancel_job(self, job_id: str) -> Job:
+        """Cancel a live job."""
+        job = self.get_job(job_id)
+        if not job.state.final:
+            job = self.finish(job_id, JobState.CANCELLED)
+        return job
+
+    def submit_sweep(
+        self,
+        base: Mapping[str, Any],
+        axes: Sequence[Mapping[str, Any]],
+        *,
+        mode: str = "grid",
+        stop: Mapping[str, Any] | None = None,
+        assets: Mapping[str, str] | None = None,
+        priority: int = 50,
+        label: str = "",
+        columns: int | None = None,
+        idempotency_key: str | None = None,
+    ) -> Sweep:
+        """Keep a sweep along its first axis."""
+        if base.get("version") != 1:
+            raise SceneValidationError([Fault("/version", "literal_error", "must be 1")])
+        if axes[0]["pointer"] == "/nowhere":
+            raise SceneValidationError([Fault("/axes/0/pointer", "pointer", "no such value")])
+        sweep_id = f"019bbbbb-0000-7000-8000-{len(self.sweeps):012d}"
+        for index, value in enumerate(axes[0].get("values", [])):
+            self._keep(
+                label, priority, {}, sweep_id=sweep_id, cell=index, parameters={"x": value}
+            )
+        self.sweeps[sweep_id] = Sweep(
+            id=sweep_id,
+            label=label,
+            mode=mode,
+            axes=[dict(axis) for axis in axes],
+            cells=len(axes[0].get("values", [])),
+            counts={},
+            created=time.time(),
+            finished=None,
+            columns=columns or 4,
+            artifacts=(),
+        )
+        return self.get_sweep(sweep_id)
+
+    def get_sweep(self, sweep_id: str) -> Sweep:
+        """Return a sweep with fresh counts."""
+        if sweep_id not in self.sweeps:
+            raise JobNotFound(sweep_id)
+        sweep = self.sweeps[sweep_id]
+        states = [job.state for job in self.jobs.values() if job.sweep_id == sweep_id]
+        sweep = replace(sweep, counts={str(s): states.count(s) for s in JobState})
+        return replace(sweep, artifacts=("contact-sheet.png",) if sweep.done else ())
+
+    def list_sweeps(self, *, after: str | None = None, limit: int = 100) -> list[Sweep]:
+        """List sweeps, newest first."""
+        ids = sorted(self.sweeps, reverse=True)
+        if after is not None:
+            ids = ids[ids.index(after) + 1 :]
+        return [self.get_sweep(sweep_id) for sweep_id in ids[:limit]]
+
+    def cancel_sweep(self, sweep_id: str) -> Sweep:
+        """Cancel the live cells."""
+        for job in list(self.jobs.values()):
+            if job.sweep_id == sweep_id:
+                self.cancel_job(job.id)
+        return self.get_sweep(sweep_id)
+
+    def artifact(self, job_id: str, kind: str) -> Artifact:
+        """Return a file of a succeeded job."""
+        job = self.get_job(job_id)
+        if not job.state.final:
+            raise NotReadyYet("not yet")
+        return self._file(kind, f"{kind} of {job_id}")
+
+    def sweep_artifact(self, sweep_id: str, kind: str = "contact-sheet.png") -> Artifact:
+        """Return the contact sheet of a finished sweep."""
+        if not self.get_sweep(sweep_id).done:
+            raise NotReadyYet("not yet")
+        return self._file(kind, f"{kind} of {sweep_id}")
+
+    def _file(self, kind: str, text: str) -> Artifact:
+        content = text.encode()
+        path = self.data_dir / kind
+        path.write_bytes(content)
+        digest = hashlib.sha256(content).hexdigest()
+        return Artifact(kind, digest, len(content), str(path), ARTIFACT_MEDIA_TYPES[kind][0])
+
+    def readiness(self) -> Readiness:
+        """Be ready unless draining."""
+        check = Check(not self.is_draining, "draining" if self.is_draining else "takes work")
+        return Readiness(check.ok, {"draining": check, "store": Check(True, "written in 1 ms")})
+
+    def status(self) -> dict[str, Any]:
+        """Return something."""
+        return {"children": [], "queued": len(self.jobs)}
+
+    def events(
+        self,
+        after: int = 0,
+        *,
+        job_id: str | None = None,
+        sweep_id: str | None = None,
+        limit: int = 500,
+        wait_s: float = 0.0,
+    ) -> list[Event]:
+        """Return none."""
+        return []
+
+    def missing_assets(self, digests: Iterable[str]) -> list[str]:
+        """Return those not put."""
+        return [digest for digest in digests if digest not in self.assets]
+
+    def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
+        """Remember the digest of the bytes."""
+        seen = hashlib.sha256()
+        for piece in stream:
+            seen.update(piece)
+        if seen.hexdigest() != digest:
+            raise AssetMismatch(f"these bytes have digest {seen.hexdigest()}")
+        new = digest not in self.assets
+        self.assets.add(digest)
+        return new
