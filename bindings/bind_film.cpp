@@ -1,0 +1,214 @@
+// Plan, chunk films and films; arrays are views that keep their film alive.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <cmath>
+#include <cstring>
+#include <string_view>
+
+#include "film/counter_fields.h"
+#include "film/estimate.h"
+#include "film/film.h"
+#include "film/filter.h"
+#include "film_dicts.h"
+
+namespace py = pybind11;
+
+namespace matiere {
+namespace {
+
+std::span<const std::byte> as_span(const py::bytes& bytes) {
+    const std::string_view view = bytes;
+    return {reinterpret_cast<const std::byte*>(view.data()), view.size()};
+}
+
+py::bytes as_bytes(const std::vector<std::byte>& bytes) {
+    return {reinterpret_cast<const char*>(bytes.data()), bytes.size()};
+}
+
+/// A read-only view into memory that `owner` holds.
+template <class T>
+py::array_t<T> view(std::span<const T> values, const std::vector<py::ssize_t>& shape,
+                    const py::object& owner) {
+    py::array_t<T> array(shape, values.data(), owner);
+    py::detail::array_proxy(array.ptr())->flags &= ~py::detail::npy_api::NPY_ARRAY_WRITEABLE_;
+    return array;
+}
+
+py::array_t<double> image(const Film& film, const std::vector<double>& values) {
+    py::array_t<double> array({py::ssize_t(film.height()), py::ssize_t(film.width()),
+                               py::ssize_t(kColorChannels)});
+    std::memcpy(array.mutable_data(), values.data(), values.size() * sizeof(double));
+    return array;
+}
+
+template <std::vector<double> (*F)(const Film&)>
+py::array_t<double> image_of(const Film& film) {
+    std::vector<double> values;
+    {
+        const py::gil_scoped_release release;
+        values = F(film);
+    }
+    return image(film, values);
+}
+
+py::array_t<double> film_mean(const Film& film) {
+    py::array_t<double> array(
+        {py::ssize_t(film.height()), py::ssize_t(film.width()), py::ssize_t(kFilmChannels)});
+    double* out = array.mutable_data();
+    for (std::size_t p = 0; p < film.pixels(); ++p)
+        for (int c = 0; c < kFilmChannels; ++c) *out++ = film.mean(p, c, -1);
+    return array;
+}
+
+py::array_t<float> sample_filter(const Filter& filter,
+                                 const py::array_t<float, py::array::c_style>& u) {
+    if (u.ndim() != 2 || u.shape(1) != 2) throw py::value_error("u must have shape (N, 2)");
+    py::array_t<float> offsets({u.shape(0), py::ssize_t(2)});
+    for (py::ssize_t i = 0; i < u.shape(0); ++i) {
+        const Vec2f o = filter.sample({u.at(i, 0), u.at(i, 1)});
+        offsets.mutable_at(i, 0) = o.x;
+        offsets.mutable_at(i, 1) = o.y;
+    }
+    return offsets;
+}
+
+void bind_plan(py::module_& m) {
+    py::class_<Plan>(m, "Plan", "The chunk plan of a film: a function of size and replicates.")
+        .def(py::init<int, int, int>(), py::arg("width"), py::arg("height"), py::arg("replicates"))
+        .def_property_readonly("width", &Plan::width)
+        .def_property_readonly("height", &Plan::height)
+        .def_property_readonly("replicates", &Plan::replicates)
+        .def_property_readonly("tiles", &Plan::tiles)
+        .def_property_readonly("tile_edge", &Plan::tile_edge)
+        .def_property_readonly("version", [](const Plan&) { return Plan::kVersion; })
+        .def("boundary", &Plan::boundary, py::arg("k"), "Samples per pixel after k ranges.")
+        .def("ranges", &Plan::ranges, py::arg("spp"), "Ranges that hold at least spp samples.")
+        .def("round_up", &Plan::round_up, py::arg("spp"), "The smallest boundary >= spp.")
+        .def("chunk_count", &Plan::chunk_count, py::arg("spp"))
+        .def("is_look", &Plan::is_look, py::arg("spp"), py::arg("per_octave") = 2)
+        .def("chunk", [](const Plan& plan, std::uint32_t index) {
+            const Chunk c = plan.chunk(index);
+            py::dict d;
+            d["index"] = c.index;
+            d["layer"] = "camera";
+            d["x0"] = c.x0;
+            d["y0"] = c.y0;
+            d["x1"] = c.x1;
+            d["y1"] = c.y1;
+            d["s0"] = c.s0;
+            d["s1"] = c.s1;
+            return d;
+        }, py::arg("index"));
+    m.attr("MAX_SPP") = Plan::kMaxSpp;
+}
+
+void bind_chunk_film(py::module_& m) {
+    py::class_<ChunkFilm>(m, "ChunkFilm", "The sums of one chunk, starting from zero.")
+        .def_property_readonly("index", [](const ChunkFilm& c) { return c.chunk().index; })
+        .def_property_readonly("counters",
+                               [](const ChunkFilm& c) { return counters_dict(c.work()); })
+        .def_property_readonly("sums", [](const py::object& self) {
+            const auto& c = self.cast<const ChunkFilm&>();
+            return view(c.sums(), {c.plan().replicates(), c.chunk().height(), c.chunk().width(),
+                                   kFilmChannels}, self);
+        })
+        .def("to_bytes", [](const ChunkFilm& c) { return as_bytes(c.to_bytes()); })
+        .def_static("from_bytes",
+                    [](const py::bytes& b) { return ChunkFilm::from_bytes(as_span(b)); },
+                    py::arg("data"));
+}
+
+void bind_film_class(py::module_& m) {
+    py::class_<Film>(m, "Film", "Replicate sums of an image, folded chunk by chunk in double.")
+        .def(py::init<int, int, int>(), py::arg("width"), py::arg("height"), py::arg("replicates"))
+        .def_property_readonly("width", &Film::width)
+        .def_property_readonly("height", &Film::height)
+        .def_property_readonly("replicates", &Film::replicates)
+        .def_property_readonly("merged", &Film::merged)
+        .def_property_readonly("plan", &Film::plan, py::return_value_policy::copy)
+        .def_property_readonly("spp", &Film::spp, "Samples every pixel has at least.")
+        .def_property_readonly("counters",
+                               [](const Film& film) { return counters_dict(film.work()); })
+        .def_property_readonly("sums", [](const py::object& self) {
+            const auto& f = self.cast<const Film&>();
+            return view(f.sums(), {f.replicates(), f.height(), f.width(), kFilmChannels}, self);
+        })
+        .def_property_readonly("counts", [](const py::object& self) {
+            const auto& f = self.cast<const Film&>();
+            return view(f.counts(), {f.height(), f.width()}, self);
+        })
+        .def("next_chunk", &Film::next_chunk, py::arg("tile"))
+        .def("add", &Film::add, py::arg("chunk"), py::call_guard<py::gil_scoped_release>())
+        .def("merge", &Film::merge, py::arg("other"), py::call_guard<py::gil_scoped_release>())
+        .def("copy", [](const Film& film) { return Film(film); })
+        .def("mean", &film_mean, "(H, W, 4) mean of R, G, B and alpha.")
+        .def("mean_variance", &image_of<&mean_variance>)
+        .def("standard_error", &image_of<&standard_error>)
+        .def("error_weights", &image_of<&error_weights>)
+        .def("estimate", [](const Film& film) {
+            ErrorEstimate e;
+            {
+                const py::gil_scoped_release release;
+                e = estimate_error(film);
+            }
+            return error_dict(e);
+        })
+        .def("to_bytes", [](const Film& film) { return as_bytes(film.to_bytes()); })
+        .def_static("from_bytes", [](const py::bytes& b) { return Film::from_bytes(as_span(b)); },
+                    py::arg("data"))
+        .def_static("bytes_per_pixel", &Film::bytes_per_pixel, py::arg("replicates"));
+}
+
+}  // namespace
+
+py::dict counters_dict(const Work& work) {
+    py::dict d;
+    for_each_counter(work.counters, [&](std::string_view name, std::uint64_t n) {
+        d[py::str(name.data(), name.size())] = n;
+    });
+    d["cpu_s"] = work.cpu_s;
+    d["wall_s"] = work.wall_s;
+    py::list rejected;
+    for (const RejectionRow& row : rejection_rows(work.counters)) {
+        py::dict r;
+        r["material"] = row.material < 0 ? py::object(py::none()) : py::object(py::int_(row.material));
+        r["cause"] = py::str(row.cause.data(), row.cause.size());
+        r["count"] = row.count;
+        rejected.append(r);
+    }
+    d["rejected"] = rejected;
+    d["rejected_total"] = work.counters.rejected_total();
+    return d;
+}
+
+py::dict error_dict(const ErrorEstimate& e) {
+    const auto number = [&](double x) {
+        return e.known && std::isfinite(x) ? py::object(py::float_(x)) : py::object(py::none());
+    };
+    py::dict d;
+    d["known"] = e.known;
+    d["relmse"] = number(e.relmse);
+    d["lower"] = number(e.lower);
+    d["upper"] = number(e.upper);
+    d["rmse"] = number(e.rmse);
+    d["relmse_classic"] = number(e.relmse_classic);
+    d["log_average"] = e.log_average;
+    d["unknown_share"] = e.unknown_share;
+    d["effective_pixels"] = number(e.effective_pixels);
+    return d;
+}
+
+void bind_film(py::module_& m) {
+    bind_plan(m);
+    bind_chunk_film(m);
+    bind_film_class(m);
+    py::class_<Filter>(m, "Filter", "A pixel filter, for tests and tools.")
+        .def(py::init<std::string_view, float>(), py::arg("name"), py::arg("radius") = 0.0F)
+        .def_property_readonly("radius", &Filter::radius)
+        .def("sample", &sample_filter, py::arg("u"))
+        .def("density", py::vectorize(&Filter::density), py::arg("x"));
+}
+
+}  // namespace matiere

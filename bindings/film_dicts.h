@@ -1,0 +1,15 @@
+// Error estimates and counters as Python dicts, shared by the film and render bindings.
+#pragma once
+
+#include <pybind11/pybind11.h>
+
+#include "film/estimate.h"
+#include "render/diagnostics.h"
+
+namespace matiere {
+
+pybind11::dict counters_dict(const Work& work);
+/// Unknown figures are None, never 0.
+pybind11::dict error_dict(const ErrorEstimate& error);
+
+}  // namespace matiere

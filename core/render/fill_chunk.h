@@ -1,0 +1,50 @@
+// The sample loop of one chunk, written once for any sampler.
+#pragma once
+
+#include <ctime>
+#include <optional>
+
+#include "base/parallel.h"
+#include "film/film.h"
+#include "integrator/integrator.h"
+
+namespace matiere {
+
+/// CPU time of the calling thread in seconds.
+inline double thread_cpu_seconds() {
+    timespec t{};
+    clock_gettime(CLOCK_THREAD_CPUTIME_ID, &t);
+    return double(t.tv_sec) + 1e-9 * double(t.tv_nsec);
+}
+
+/// Where the stored pixels (the crop) lie in the whole film.
+struct CropOrigin {
+    int x = 0, y = 0;
+};
+
+/// Renders one chunk in order: rows, pixels, samples. `sample(x, y, replicate, index, counters)`
+/// returns a PathResult and gets whole-film pixels. Nothing comes back if the token was raised.
+template <class SampleFn>
+std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index, CropOrigin origin,
+                                    const CancelToken& cancel, SampleFn&& sample) {
+    const FlushDenormals float_mode;
+    const double start = thread_cpu_seconds();
+    ChunkFilm film(plan, index);
+    const Chunk& chunk = film.chunk();
+    const auto replicates = std::uint64_t(plan.replicates());
+    Counters& counters = film.work().counters;
+    for (int y = 0; y < chunk.height(); ++y) {
+        if (cancel.cancelled()) return std::nullopt;
+        for (int x = 0; x < chunk.width(); ++x)
+            for (std::uint64_t s = chunk.s0; s < chunk.s1; ++s) {
+                const PathResult p = sample(origin.x + chunk.x0 + x, origin.y + chunk.y0 + y,
+                                            std::uint32_t(s % replicates), s / replicates, counters);
+                film.add(x, y, s,
+                         {double(p.L[0]), double(p.L[1]), double(p.L[2]), double(p.alpha)});
+            }
+    }
+    film.work().cpu_s = thread_cpu_seconds() - start;
+    return film;
+}
+
+}  // namespace matiere

@@ -1,0 +1,102 @@
+#include "render/pass_runner.h"
+
+#include <chrono>
+#include <utility>
+
+namespace matiere {
+namespace {
+
+constexpr std::chrono::milliseconds kPollInterval{20};
+
+}  // namespace
+
+PassRunner::PassRunner(const ChunkFunction& chunk, Film& film, int threads)
+    : chunk_(chunk), film_(film) {
+    threads_.reserve(std::size_t(threads));
+    for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+}
+
+PassRunner::~PassRunner() {
+    {
+        const std::lock_guard lock(mutex_);
+        closing_ = true;
+        next_ = queue_.size();
+    }
+    abort_.cancel();
+    work_ready_.notify_all();
+    for (auto& t : threads_) t.join();
+}
+
+bool PassRunner::run(std::uint64_t spp, const std::function<void()>& poll,
+                     const CancelToken& cancel) {
+    {
+        const std::lock_guard lock(mutex_);
+        queue_.clear();
+        next_ = 0;
+        for (int tile = 0; tile < film_.plan().tiles(); ++tile) {
+            const std::uint32_t index = film_.next_chunk(tile);
+            if (film_.plan().chunk(index).s1 <= spp) queue_.push_back(index);
+        }
+    }
+    work_ready_.notify_all();
+    try {
+        wait(poll, cancel);
+    } catch (...) {
+        abort_.cancel();
+        wait({}, CancelToken{});
+        throw;
+    }
+    if (error_) std::rethrow_exception(error_);
+    return !abort_.cancelled();
+}
+
+/// Until no chunk is waiting or in the making.
+void PassRunner::wait(const std::function<void()>& poll, const CancelToken& cancel) {
+    std::unique_lock lock(mutex_);
+    for (;;) {
+        if (abort_.cancelled()) next_ = queue_.size();
+        if (next_ == queue_.size() && open_ == 0) return;
+        pass_done_.wait_for(lock, kPollInterval);
+        lock.unlock();
+        if (cancel.cancelled()) abort_.cancel();
+        if (poll) poll();
+        lock.lock();
+    }
+}
+
+bool PassRunner::take(std::uint32_t& index) {
+    std::unique_lock lock(mutex_);
+    work_ready_.wait(lock, [this] { return closing_ || next_ < queue_.size(); });
+    if (closing_) return false;
+    index = queue_[next_++];
+    ++open_;
+    return true;
+}
+
+void PassRunner::finish(const std::optional<ChunkFilm>& done, std::exception_ptr error) {
+    const std::lock_guard lock(mutex_);
+    try {
+        if (done) film_.add(*done);
+    } catch (...) {
+        error = std::current_exception();
+    }
+    if (error && !error_) error_ = std::move(error);
+    if (error_) abort_.cancel();
+    if (--open_ == 0) pass_done_.notify_all();
+}
+
+void PassRunner::work() {
+    std::uint32_t index = 0;
+    while (take(index)) {
+        std::optional<ChunkFilm> done;
+        std::exception_ptr error;
+        try {
+            done = chunk_(index, abort_);
+        } catch (...) {
+            error = std::current_exception();
+        }
+        finish(done, error);
+    }
+}
+
+}  // namespace matiere

@@ -1,0 +1,49 @@
+// The threads of the pass loop. They live for one render; each takes the next chunk in plan order
+// and folds it into the film. Within a pass a tile occurs once, so the fold order per tile is fixed.
+#pragma once
+
+#include <condition_variable>
+#include <cstdint>
+#include <exception>
+#include <functional>
+#include <mutex>
+#include <thread>
+#include <vector>
+
+#include "base/parallel.h"
+#include "film/film.h"
+#include "render/render.h"
+
+namespace matiere {
+
+class PassRunner {
+ public:
+    PassRunner(const ChunkFunction& chunk, Film& film, int threads);
+    ~PassRunner();
+    PassRunner(const PassRunner&) = delete;
+    PassRunner& operator=(const PassRunner&) = delete;
+
+    /// Renders every chunk that tiles lack up to `spp`. False if `cancel` was raised; rethrows what
+    /// a worker or `poll` threw. Every thread is idle again when it returns.
+    bool run(std::uint64_t spp, const std::function<void()>& poll, const CancelToken& cancel);
+
+ private:
+    void work();
+    bool take(std::uint32_t& index);
+    void finish(const std::optional<ChunkFilm>& done, std::exception_ptr error);
+    void wait(const std::function<void()>& poll, const CancelToken& cancel);
+
+    const ChunkFunction& chunk_;
+    Film& film_;
+    std::mutex mutex_;
+    std::condition_variable work_ready_, pass_done_;
+    std::vector<std::uint32_t> queue_;  ///< chunks of this pass, in order
+    std::size_t next_ = 0;              ///< first chunk nobody took
+    std::size_t open_ = 0;              ///< chunks taken and not finished
+    bool closing_ = false;
+    std::exception_ptr error_;
+    CancelToken abort_;
+    std::vector<std::thread> threads_;
+};
+
+}  // namespace matiere
