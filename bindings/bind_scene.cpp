@@ -1,0 +1,227 @@
+// RenderDescription, filled call by call from Python, and the Scene built from it.
+#include <pybind11/numpy.h>
+#include <pybind11/pybind11.h>
+#include <pybind11/stl.h>
+
+#include <memory>
+
+#include "base/error.h"
+#include "base/parallel.h"
+#include "scene/scene.h"
+
+namespace py = pybind11;
+
+namespace matiere {
+namespace {
+
+template <class T>
+using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
+using Triple = std::array<double, 3>;
+
+Vec3d vec3d(const Triple& t) { return {t[0], t[1], t[2]}; }
+Vec3f vec3f(const Triple& t) { return {float(t[0]), float(t[1]), float(t[2])}; }
+Spectrumf spectrum(const Triple& t) { return {float(t[0]), float(t[1]), float(t[2])}; }
+
+template <class T>
+std::vector<T> rows(const py::object& object, py::ssize_t columns, const char* name) {
+    if (object.is_none()) return {};
+    const auto a = object.cast<Array<T>>();
+    if (a.ndim() != 2 || a.shape(1) != columns)
+        throw py::value_error(std::string(name) + " must have shape (N, " + std::to_string(columns) + ")");
+    return std::vector<T>(a.data(), a.data() + a.size());
+}
+
+std::vector<float> image(const Array<float>& a, const char* name) {
+    if (a.ndim() != 3 || a.shape(2) != 3)
+        throw py::value_error(std::string(name) + " must have shape (H, W, 3)");
+    return std::vector<float>(a.data(), a.data() + a.size());
+}
+
+ParamValue param(const py::handle& v) {
+    if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
+    if (py::isinstance<py::str>(v)) return v.cast<std::string>();
+    if (py::isinstance<py::float_>(v) || py::isinstance<py::int_>(v)) return v.cast<double>();
+    if (py::isinstance<py::tuple>(v) && py::len(v) == 2) {
+        const auto t = v.cast<py::tuple>();
+        if (py::isinstance<py::str>(t[0]) && t[0].cast<std::string>() == "texture")
+            return TextureRef{t[1].cast<int>()};
+    }
+    return v.cast<Triple>();
+}
+
+void set_film(RenderDescription& d, int width, int height, const std::string& filter,
+              float filter_radius, const std::optional<std::array<int, 4>>& crop) {
+    d.film.width = width;
+    d.film.height = height;
+    d.film.filter = Filter(filter, filter_radius);
+    d.film.crop = crop;
+}
+
+void set_camera(RenderDescription& d, const std::string& type, const Triple& origin,
+                const Triple& target, const Triple& up, double vfov_deg, double aperture_radius,
+                double focus_distance) {
+    if (type != "pinhole" && type != "thin_lens")
+        throw SceneError("camera_type", "camera type must be pinhole or thin_lens", "/camera/type");
+    d.camera = {type == "thin_lens" ? CameraType::kThinLens : CameraType::kPinhole, vec3d(origin),
+                vec3d(target), vec3d(up), vfov_deg, aperture_radius, focus_distance};
+}
+
+int add_texture(RenderDescription& d, const Array<float>& pixels, const std::string& wrap,
+                const std::string& pointer) {
+    auto data = image(pixels, "texture");
+    return d.textures.add(ImageTexture(int(pixels.shape(1)), int(pixels.shape(0)), std::move(data),
+                                       wrap_from_name(wrap, pointer), pointer));
+}
+
+int add_material(RenderDescription& d, const std::string& type, const py::dict& params,
+                 const py::object& emission, bool two_sided, int priority, const std::string& name,
+                 const std::string& pointer) {
+    MaterialDescription m;
+    m.type = type;
+    for (const auto& [key, value] : params)
+        if (!value.is_none()) m.params[key.cast<std::string>()] = param(value);
+    if (!emission.is_none()) m.emission = param(emission);
+    m.two_sided = two_sided;
+    m.priority = priority;
+    m.name = name;
+    m.pointer = pointer;
+    d.materials.push_back(std::move(m));
+    return int(d.materials.size()) - 1;
+}
+
+void add_mesh(RenderDescription& d, const py::object& positions, const py::object& triangles,
+              const py::object& normals, const py::object& uv, int material, const std::string& name,
+              const std::string& pointer) {
+    MeshDescription m;
+    m.positions = rows<float>(positions, 3, "positions");
+    m.triangles = rows<std::uint32_t>(triangles, 3, "triangles");
+    m.normals = rows<float>(normals, 3, "normals");
+    m.uv = rows<float>(uv, 2, "uv");
+    m.material = material;
+    m.name = name;
+    m.pointer = pointer;
+    d.meshes.push_back(std::move(m));
+}
+
+void set_environment(RenderDescription& d, const Array<float>& pixels, double rotation_deg, double scale) {
+    auto data = image(pixels, "environment");
+    d.environment = EnvironmentDescription{int(pixels.shape(1)), int(pixels.shape(0)),
+                                           std::move(data), rotation_deg, scale};
+}
+
+void set_constant_environment(RenderDescription& d, const Triple& radiance) {
+    d.environment = EnvironmentDescription{
+        1, 1, {float(radiance[0]), float(radiance[1]), float(radiance[2])}, 0, 1};
+}
+
+void bind_description(py::module_& m) {
+    py::class_<RenderDescription>(m, "RenderDescription",
+                                  "Plain data of a scene: names resolved, files read, metres, "
+                                  "linear Rec.709, recentred before it is rounded to float.")
+        .def(py::init<>())
+        .def("set_film", &set_film, py::arg("width"), py::arg("height"), py::arg("filter") = "gaussian",
+             py::arg("filter_radius") = 0.0F, py::arg("crop") = py::none())
+        .def("set_camera", &set_camera, py::arg("type"), py::arg("origin"), py::arg("target"),
+             py::arg("up"), py::arg("vfov_deg"), py::arg("aperture_radius") = 0.0,
+             py::arg("focus_distance") = 1.0)
+        .def("add_texture", &add_texture, py::arg("pixels"), py::arg("wrap") = "repeat",
+             py::arg("pointer") = "")
+        .def("add_material", &add_material, py::arg("type"), py::arg("params"),
+             py::arg("emission") = py::none(), py::arg("two_sided") = true, py::arg("priority") = 0,
+             py::arg("name") = "", py::arg("pointer") = "")
+        .def("add_mesh", &add_mesh, py::arg("positions"), py::arg("triangles"),
+             py::arg("normals") = py::none(), py::arg("uv") = py::none(), py::arg("material") = 0,
+             py::arg("name") = "", py::arg("pointer") = "")
+        .def("add_sphere",
+             [](RenderDescription& d, const Triple& center, double radius, int material,
+                const std::string& pointer) {
+                 d.spheres.push_back({vec3f(center), float(radius), material, pointer});
+             },
+             py::arg("center"), py::arg("radius"), py::arg("material"), py::arg("pointer") = "")
+        .def("add_rectangle_light",
+             [](RenderDescription& d, const Triple& corner, const Triple& edge_u,
+                const Triple& edge_v, const Triple& radiance, const std::string& pointer) {
+                 d.lights.emplace_back(RectangleLightDescription{
+                     vec3f(corner), vec3f(edge_u), vec3f(edge_v), spectrum(radiance), pointer});
+             },
+             py::arg("corner"), py::arg("edge_u"), py::arg("edge_v"), py::arg("radiance"),
+             py::arg("pointer") = "")
+        .def("add_point_light",
+             [](RenderDescription& d, const Triple& position, const Triple& intensity) {
+                 d.lights.emplace_back(PointLightDescription{vec3f(position), spectrum(intensity)});
+             },
+             py::arg("position"), py::arg("intensity"))
+        .def("add_directional_light",
+             [](RenderDescription& d, const Triple& direction, const Triple& irradiance) {
+                 d.lights.emplace_back(
+                     DirectionalLightDescription{vec3f(direction), spectrum(irradiance)});
+             },
+             py::arg("direction"), py::arg("irradiance"))
+        .def("set_environment", &set_environment, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
+             py::arg("scale") = 1.0)
+        .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
+}
+
+py::dict stats_dict(const Scene& scene) {
+    const SceneStats& s = scene.stats();
+    py::dict d;
+    d["triangles"] = s.triangles;
+    d["spheres"] = s.spheres;
+    d["lights"] = s.lights;
+    d["materials"] = s.materials;
+    d["bytes"] = s.bytes;
+    d["build_s"] = s.build_s;
+    return d;
+}
+
+py::dict intersect(const Scene& scene, const Array<float>& origins, const Array<float>& directions) {
+    if (origins.ndim() != 2 || origins.shape(1) != 3 || directions.ndim() != 2 ||
+        directions.shape(1) != 3 || origins.shape(0) != directions.shape(0))
+        throw py::value_error("origins and directions must both have shape (N, 3)");
+    const py::ssize_t n = origins.shape(0);
+    py::array_t<float> t(n), u(n), v(n);
+    py::array_t<std::uint32_t> geometry(n), primitive(n);
+    py::array_t<float> normal({n, py::ssize_t(3)}), position({n, py::ssize_t(3)});
+    const auto o = origins.unchecked<2>(), d = directions.unchecked<2>();
+    for (py::ssize_t i = 0; i < n; ++i) {
+        const Ray ray{{o(i, 0), o(i, 1), o(i, 2)}, {d(i, 0), d(i, 1), d(i, 2)}};
+        const RayHit hit = scene.intersect(ray);
+        t.mutable_at(i) = hit.t;
+        u.mutable_at(i) = hit.u;
+        v.mutable_at(i) = hit.v;
+        geometry.mutable_at(i) = hit.geometry;
+        primitive.mutable_at(i) = hit.primitive;
+        const SurfaceHit s = hit.missed() ? SurfaceHit{} : scene.surface(ray, hit);
+        for (py::ssize_t k = 0; k < 3; ++k) {
+            normal.mutable_at(i, k) = s.point.n_g[std::size_t(k)];
+            position.mutable_at(i, k) = s.point.p[std::size_t(k)];
+        }
+    }
+    py::dict out;
+    out["t"] = t;
+    out["u"] = u;
+    out["v"] = v;
+    out["geometry"] = geometry;
+    out["primitive"] = primitive;
+    out["normal"] = normal;
+    out["position"] = position;
+    return out;
+}
+
+}  // namespace
+
+void bind_scene(py::module_& m) {
+    bind_description(m);
+    py::class_<Scene, std::shared_ptr<Scene>>(m, "Scene", "A built scene; immutable, shared by threads.")
+        .def(py::init([](const RenderDescription& d, int threads, const std::shared_ptr<CancelToken>& cancel) {
+                 RenderDescription copy = d;
+                 const py::gil_scoped_release release;
+                 return std::make_shared<Scene>(std::move(copy), threads, cancel.get());
+             }),
+             py::arg("description"), py::arg("threads") = 0, py::arg("cancel") = nullptr)
+        .def("stats", &stats_dict)
+        .def("intersect", &intersect, py::arg("origins"), py::arg("directions"),
+             "Closest hits of rays: t, u, v, geometry, primitive, normal, position (tests).");
+}
+
+}  // namespace matiere
