@@ -1,0 +1,88 @@
+"""matiere: render materials with a path tracer, and know the error of every image.
+
+    import matiere as mt
+    scene = mt.load("scene.json")
+    film = mt.render(scene, spp=64)
+    mt.write_image("out.png", film)
+
+Names are loaded when first used, so `import matiere` is quick.
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+# public name -> module that defines it
+_HOMES = {
+    "AssetChanged": "errors",
+    "Cancelled": "errors",
+    "ColourError": "errors",
+    "Film": "film",
+    "FilmError": "errors",
+    "ImageError": "errors",
+    "MatiereError": "errors",
+    "MemoryLimitError": "errors",
+    "RenderError": "errors",
+    "Scene": "scene.scene",
+    "SceneModel": "scene.model",
+    "SceneValidationError": "errors",
+    "bsdf": "materials",
+    "develop": "develop",
+    "film_key": "scene.digest",
+    "info": "materials",
+    "load": "scene.load",
+    "load_film": "film",
+    "loads": "scene.load",
+    "materials": "materials",
+    "metals": "materials",
+    "read_image": "imageio",
+    "render": "render",
+    "schema": "scene.schema",
+    "write_image": "imageio",
+}
+_MODULES = ("chunks", "errors")
+
+__all__ = ["__version__", *sorted((*_HOMES, *_MODULES))]
+
+
+def __getattr__(name: str) -> Any:
+    if name in _HOMES:
+        value = getattr(import_module(f"matiere.{_HOMES[name]}"), name)
+    elif name in _MODULES:
+        value = import_module(f"matiere.{name}")
+    else:
+        raise AttributeError(f"module 'matiere' has no attribute {name!r}")
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})
+
+
+if TYPE_CHECKING:
+    from matiere import chunks, errors
+    from matiere.develop import develop
+    from matiere.errors import (
+        AssetChanged,
+        Cancelled,
+        ColourError,
+        FilmError,
+        ImageError,
+        MatiereError,
+        MemoryLimitError,
+        RenderError,
+        SceneValidationError,
+    )
+    from matiere.film import Film, load_film
+    from matiere.imageio import read_image, write_image
+    from matiere.materials import bsdf, info, materials, metals
+    from matiere.render import render
+    from matiere.scene.digest import film_key
+    from matiere.scene.load import load, loads
+    from matiere.scene.model import SceneModel
+    from matiere.scene.scene import Scene
+    from matiere.scene.schema import schema

@@ -1,0 +1,195 @@
+"""Read and write image files through OpenImageIO (imported only when a file is touched)."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from matiere.errors import ImageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+Image = NDArray[np.float32]
+MAX_READ_PIXELS = 2**28
+_INTEGER_KINDS = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
+
+
+@dataclass(frozen=True, slots=True)
+class Decoded:
+    """An image file as it is stored: (H, W, C) float32, whole-number formats scaled to [0, 1]."""
+
+    pixels: Image
+    channels: tuple[str, ...]
+    integer: bool
+    metadata: Mapping[str, Any]
+
+
+def _oiio() -> Any:
+    import OpenImageIO
+
+    return OpenImageIO
+
+
+def read_image(path: str | os.PathLike[str]) -> Decoded:
+    """Read an image file as stored, without any colour conversion.
+
+    Returns float32 pixels; 8- and 16-bit whole numbers become [0, 1], half and float stay. Alpha is
+    left as it is in the file. Raises ImageError with the reason if the file cannot be decoded.
+    """
+    oiio = _oiio()
+    name = os.fspath(path)
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(name, config)
+    if source is None:
+        raise ImageError(_reason(f"cannot read the image {name!r}", oiio.geterror()))
+    try:
+        spec = source.spec()
+        if spec.width * spec.height > MAX_READ_PIXELS or spec.depth > 1:
+            size = f"{spec.width} x {spec.height}"
+            raise ImageError(f"the image {name!r} is too large ({size} pixels)")
+        raw = source.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
+        if raw is None:
+            raise ImageError(_reason(f"cannot decode the image {name!r}", source.geterror()))
+        array = np.ascontiguousarray(raw, np.float32)
+        return Decoded(
+            array.reshape(spec.height, spec.width, spec.nchannels),
+            tuple(spec.channelnames),
+            str(spec.format) in _INTEGER_KINDS,
+            {item.name: item.value for item in spec.extra_attribs},
+        )
+    finally:
+        source.close()
+
+
+def read_color(path: str | os.PathLike[str]) -> tuple[Image, bool]:
+    """Read an image as (H, W, 3) colour: grey is repeated, alpha and further channels left out.
+
+    Returns the pixels as stored, and whether the file holds whole numbers.
+    """
+    decoded = read_image(path)
+    names = [name.upper() for name in decoded.channels]
+    if all(c in names for c in "RGB"):
+        wanted = [names.index(c) for c in "RGB"]
+    else:
+        wanted = [0, 0, 0] if decoded.pixels.shape[2] < 3 else [0, 1, 2]
+    return np.ascontiguousarray(decoded.pixels[:, :, wanted]), decoded.integer
+
+
+def srgb_to_linear(encoded: NDArray[Any]) -> Image:
+    """Decode sRGB values in [0, 1] to linear light (IEC 61966-2-1)."""
+    x = np.asarray(encoded, np.float64)
+    linear = np.where(x <= 0.04045, x / 12.92, ((np.maximum(x, 0.0) + 0.055) / 1.055) ** 2.4)
+    return linear.astype(np.float32)
+
+
+def quantise(values: NDArray[Any], bits: int) -> NDArray[np.uint8] | NDArray[np.uint16]:
+    """Round values in [0, 1] to the nearest of 2^bits steps, without dithering; NaN becomes 0."""
+    top = (1 << bits) - 1
+    clipped = np.clip(np.nan_to_num(np.asarray(values, np.float64), nan=0.0), 0.0, 1.0)
+    rounded = np.floor(clipped * top + 0.5)
+    return rounded.astype(np.uint8) if bits == 8 else rounded.astype(np.uint16)
+
+
+@contextmanager
+def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
+    """Yield a temporary path beside `path`; on success it replaces `path`, else it disappears.
+
+    The bytes are on disk (fsync) before the name appears, so a full disk or a killed process leaves
+    either the old file or the new one, never half of it.
+    """
+    final = Path(path)
+    suffix = final.suffix
+    try:
+        handle, name = tempfile.mkstemp(prefix=".matiere-", suffix=suffix, dir=final.parent)
+    except OSError as error:
+        raise ImageError(f"cannot write {str(final)!r}: {error.strerror}") from None
+    os.close(handle)
+    temporary = Path(name)
+    try:
+        yield temporary
+        _sync(temporary)
+        temporary.chmod(0o666 & ~_umask())
+        os.replace(temporary, final)
+        _sync(final.parent)
+    except OSError as error:
+        raise ImageError(f"cannot write {str(final)!r}: {error.strerror or error}") from None
+    finally:
+        temporary.unlink(missing_ok=True)
+
+
+def _sync(path: Path) -> None:
+    handle = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def _umask() -> int:
+    for line in Path("/proc/self/status").read_text().splitlines():
+        if line.startswith("Umask:"):
+            return int(line.split()[1], 8)
+    return 0o022
+
+
+@dataclass(frozen=True, slots=True)
+class Stored:
+    """What one file is to hold: (H, W, C) pixels, the channels' names, and notes about them."""
+
+    pixels: NDArray[Any]
+    channels: Sequence[str]
+    metadata: Mapping[str, str | int | float]
+
+
+def write_stored(path: str | os.PathLike[str], stored: Stored, pixel_type: str) -> None:
+    """Write pixels as they are: `pixel_type` is uint8, uint16, half or float.
+
+    Whole, or not at all. Raises ImageError with the reason.
+    """
+    oiio = _oiio()
+    height, width, count = stored.pixels.shape
+    spec = oiio.ImageSpec(width, height, count, pixel_type)
+    spec.channelnames = tuple(stored.channels)
+    _describe(spec, stored, Path(path).suffix.lower())
+    with atomic_file(path) as temporary:
+        target = oiio.ImageOutput.create(str(temporary))
+        if target is None:
+            raise ImageError(_reason(f"cannot write {os.fspath(path)!r}", oiio.geterror()))
+        done = target.open(str(temporary), spec)
+        done = done and target.write_image(np.ascontiguousarray(stored.pixels))
+        why = target.geterror() if not done else ""
+        closed = target.close()
+        if not done or not closed:
+            why = why or target.geterror()
+            raise ImageError(_reason(f"cannot write {os.fspath(path)!r}", why))
+
+
+def _describe(spec: Any, stored: Stored, suffix: str) -> None:
+    names = list(stored.channels)
+    spec.alpha_channel = names.index("A") if "A" in names else -1
+    if suffix == ".png":
+        spec.attribute("oiio:UnassociatedAlpha", 1)
+        spec.attribute("png:compressionLevel", 6)
+    elif suffix in (".jpg", ".jpeg"):
+        spec.attribute("Compression", "jpeg:95")
+        spec.attribute("jpeg:subsampling", "4:4:4")
+    elif suffix == ".exr":
+        spec.attribute("compression", "zip")
+        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+    for key, value in stored.metadata.items():
+        spec.attribute(key, value)
+
+
+def _reason(what: str, why: str) -> str:
+    lines = [line.strip() for line in why.splitlines() if line.strip()]
+    return f"{what}: {lines[0]}" if lines else what

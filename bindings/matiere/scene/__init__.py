@@ -1,0 +1,1 @@
+"""Scene JSON v1: load, check, flatten, digest."""

@@ -1,0 +1,366 @@
+"""What every scene model shares: strict frozen nodes, and faults worded for people.
+
+Each node turns pydantic's own complaints into ours (a code and a sentence that says what to do)
+as soon as they arise, so that the class, and with it the list of known keys, is still at hand.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    ModelWrapValidatorHandler,
+    PlainValidator,
+    ValidationError,
+    WithJsonSchema,
+    model_validator,
+)
+from pydantic_core import ErrorDetails, InitErrorDetails, PydanticCustomError
+
+Loc = tuple[str | int, ...]
+Line = tuple[Loc, PydanticCustomError]
+
+FLOAT_MAX = 3.4028234e38  # the core calculates in single precision
+
+
+def fault(code: str, message: str, suggestion: str | None = None) -> PydanticCustomError:
+    """Return a fault that a validator can raise; `code` must be listed in `CODES`."""
+    assert code in CODES, code
+    return PydanticCustomError(
+        code, "{message}", {"message": message, **({"suggestion": suggestion} if suggestion else {})}
+    )
+
+
+def faults(lines: Iterable[Line]) -> ValidationError:
+    """Return one exception that carries several faults, each with its place below this value."""
+    details = [InitErrorDetails(type=what, loc=where, input=None) for where, what in lines]
+    return ValidationError.from_exception_data("scene", details)
+
+
+CODES = frozenset({
+    "invalid_json", "duplicate_key", "too_deep", "limit_exceeded", "wrong_version",
+    "unknown_key", "missing_key", "exclusive_keys", "wrong_type", "wrong_length", "unknown_choice",
+    "out_of_range", "not_finite", "degenerate", "index_out_of_range",
+    "unknown_type", "unknown_material", "unknown_texture", "unknown_metal", "unknown_name",
+    "unknown_view", "film_too_large", "unsupported", "wrong_color_space",
+    "asset_missing", "asset_outside_root", "asset_format", "asset_unreadable", "asset_changed",
+})  # fmt: skip
+
+
+class Node(BaseModel):
+    """Base of every scene model: frozen, strict, unknown keys refused."""
+
+    model_config = ConfigDict(
+        extra="forbid", frozen=True, strict=True, arbitrary_types_allowed=True
+    )
+
+    def problems(self) -> Iterable[Line]:
+        """Yield what is wrong between fields that are each right on their own."""
+        return ()
+
+    @model_validator(mode="wrap")
+    @classmethod
+    def _explain(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        try:
+            node = handler(data)
+        except ValidationError as error:
+            found = error.errors(include_url=False)
+            raise faults([(line["loc"], _explained(cls, line, data)) for line in found]) from None
+        if lines := list(node.problems()):
+            raise faults(lines)
+        return node
+
+
+def closest(name: object, known: Iterable[str]) -> str | None:
+    """Return the known name most like `name`, or None when none is alike."""
+    near = difflib.get_close_matches(str(name), list(known), n=1, cutoff=0.6)
+    return near[0] if near else None
+
+
+def choose(what: str, name: object, known: Iterable[str]) -> tuple[str, str | None]:
+    """Return the sentence (and suggestion) for a name that is none of `known`."""
+    names = sorted(known)
+    near = closest(name, names)
+    listed = ", ".join(repr(n) for n in names[:40]) + (" ..." if len(names) > 40 else "")
+    hint = f"did you mean {near!r}? " if near else ""
+    return f"{what} {shown(name)} is not known; {hint}choose one of {listed or '(none)'}", near
+
+
+def shown(value: object) -> str:
+    """Return `value` as it may appear inside a message: short, on one line."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return "true" if value else "false"
+    if isinstance(value, np.ndarray):
+        return f"an array of shape {value.shape}"
+    if isinstance(value, Mapping):
+        return "an object"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return f"a list of {len(value)}"
+    text = f"{value!r}" if isinstance(value, str | int | float) else type(value).__name__
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+_EXPECTED = {
+    "float_type": "a number", "float_parsing": "a number", "int_type": "a whole number",
+    "int_from_float": "a whole number", "int_parsing": "a whole number",
+    "int_parsing_size": "a whole number", "bool_type": "true or false",
+    "bool_parsing": "true or false", "string_type": "a string", "dict_type": "an object",
+    "model_type": "an object", "model_attributes_type": "an object", "list_type": "a list",
+    "tuple_type": "a list", "mapping_type": "an object",
+}  # fmt: skip
+
+_RANGES = {
+    "greater_than": ("gt", "greater than"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "less than"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def _explained(cls: type[Node], line: ErrorDetails, data: Any) -> PydanticCustomError:
+    kind, value, context = line["type"], line["input"], line.get("ctx", {})
+    if kind in CODES:
+        return fault(kind, line["msg"], context.get("suggestion"))
+    name = line["loc"][-1] if line["loc"] else ""
+    if kind == "extra_forbidden":
+        return unknown_key(str(name), list(cls.model_fields), data)
+    if kind == "missing":
+        doc = cls.model_fields[str(name)].description
+        return fault("missing_key", f"{name!r} is missing here" + (f" ({doc})" if doc else ""))
+    if kind in _EXPECTED:
+        return fault("wrong_type", f"expected {_EXPECTED[kind]}, got {shown(value)}")
+    if kind in _RANGES:
+        key, words = _RANGES[kind]
+        return fault("out_of_range", f"must be {words} {context[key]:g}, got {shown(value)}")
+    if kind == "literal_error":
+        known = [word.strip().strip("'") for word in _split_expected(context["expected"])]
+        return fault("unknown_choice", *choose("the value", value, known))
+    return fault("wrong_type", f"{line['msg']} (got {shown(value)})")
+
+
+def _split_expected(text: str) -> list[str]:
+    return text.replace(" or ", ", ").split(", ")
+
+
+def unknown_key(name: str, known: Sequence[str], data: Any) -> PydanticCustomError:
+    """Return the fault for a key that is none of `known`, with the one probably meant."""
+    used = set(data) if isinstance(data, Mapping) else set()
+    near = closest(name, [k for k in known if k not in used] or known)
+    hint = f"did you mean {near!r}? " if near else ""
+    return fault("unknown_key", f"unknown key {name!r}; {hint}known here: {', '.join(known)}", near)
+
+
+# Numbers and vectors
+
+
+def number(value: Any, *, what: str = "a number") -> float:
+    """Return `value` as a float, refusing booleans, strings, and what is not finite."""
+    if isinstance(value, bool | str) or not isinstance(value, int | float | np.number):
+        raise fault("wrong_type", f"expected {what}, got {shown(value)}")
+    result = float(value)
+    if not np.isfinite(result):
+        raise fault("not_finite", f"must be a finite number, got {result}")
+    if abs(result) > FLOAT_MAX:
+        raise fault("out_of_range", f"{result:g} is too large for single precision")
+    return result
+
+
+def numbers(value: Any, count: int, what: str) -> tuple[float, ...]:
+    """Return `value` as a tuple of `count` finite floats; every bad element is reported."""
+    if isinstance(value, np.ndarray):
+        value = value.tolist()
+    if not isinstance(value, list | tuple):
+        raise fault("wrong_type", f"expected {what}, got {shown(value)}")
+    if len(value) != count:
+        raise fault("wrong_length", f"expected {what}, got {len(value)} values")
+    result, bad = [], []
+    for index, item in enumerate(value):
+        try:
+            result.append(number(item))
+        except PydanticCustomError as error:
+            bad.append(((index,), error))
+    if bad:
+        raise faults(bad)
+    return tuple(result)
+
+
+def vec3(value: Any) -> tuple[float, ...]:
+    """Return `value` as three finite floats."""
+    return numbers(value, 3, "[x, y, z]")
+
+
+def direction(value: Any) -> tuple[float, ...]:
+    """Return `value` as three finite floats that are not all zero."""
+    result = numbers(value, 3, "[x, y, z]")
+    if not any(result):
+        raise fault("degenerate", "a direction must not be [0, 0, 0]")
+    return result
+
+
+def color(value: Any) -> tuple[float, ...]:
+    """Return a colour: one number (for all channels) or linear Rec.709 [r, g, b], none negative."""
+    if isinstance(value, int | float | np.number) and not isinstance(value, bool):
+        result: tuple[float, ...] = (number(value),) * 3
+        if result[0] < 0:
+            raise fault("out_of_range", f"must be at least 0, got {shown(value)}")
+        return result
+    result = numbers(value, 3, "a number or [r, g, b]")
+    if bad := [(i, x) for i, x in enumerate(result) if x < 0]:
+        raise faults(((i,), fault("out_of_range", f"must be at least 0, got {x:g}")) for i, x in bad)
+    return result
+
+
+def _triple_schema(minimum: float | None = None) -> dict[str, Any]:
+    item: dict[str, Any] = {"type": "number"}
+    if minimum is not None:
+        item["minimum"] = minimum
+    return {"type": "array", "items": item, "minItems": 3, "maxItems": 3}
+
+
+VEC3_SCHEMA = _triple_schema()
+COLOR_SCHEMA = {"anyOf": [{"type": "number", "minimum": 0}, _triple_schema(0)]}
+
+Float3 = tuple[float, float, float]
+Vec3 = Annotated[Float3, PlainValidator(vec3), WithJsonSchema(VEC3_SCHEMA)]
+Direction = Annotated[Float3, PlainValidator(direction), WithJsonSchema(VEC3_SCHEMA)]
+Color = Annotated[Float3, PlainValidator(color), WithJsonSchema(COLOR_SCHEMA)]
+
+
+# Arrays: lists in JSON, numpy arrays in Python; kept as read-only arrays
+
+
+def _bad_elements(value: Any, columns: int, integer: bool) -> list[Line]:
+    """Find what keeps `value` from being rows of `columns` numbers (the first few places)."""
+    found: list[Line] = []
+    noun = "whole numbers" if integer else "numbers"
+    for row, item in enumerate(value):
+        if not isinstance(item, list | tuple | np.ndarray) or len(item) != columns:
+            got = shown(item)
+            found.append(((row,), fault("wrong_length", f"expected {columns} {noun}, got {got}")))
+        else:
+            for column, entry in enumerate(item):
+                good = isinstance(entry, int if integer else int | float)
+                if not good or isinstance(entry, bool):
+                    what = f"expected a {'whole ' if integer else ''}number, got {shown(entry)}"
+                    found.append(((row, column), fault("wrong_type", what)))
+        if len(found) >= 5:
+            break
+    return found
+
+
+def rows(columns: int, integer: bool = False) -> Callable[[Any], Any]:
+    """Return a validator for an (N, `columns`) array of finite numbers."""
+    what = f"a list of {columns}-element lists of {'whole ' if integer else ''}numbers"
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, list | tuple | np.ndarray):
+            raise fault("wrong_type", f"expected {what}, got {shown(value)}")
+        if len(value) == 0:
+            raise fault("wrong_length", f"expected {what}, got an empty list")
+        array = _as_array(value)
+        wanted = "iu" if integer else "iuf"
+        if array is None or array.ndim != 2 or array.shape[1] != columns or (
+            array.dtype.kind not in wanted
+        ):
+            bad = [] if isinstance(value, np.ndarray) else _bad_elements(value, columns, integer)
+            if bad:
+                raise faults(bad)
+            raise fault("wrong_type", f"expected {what}, got {shown(value)}")
+        return frozen(_finite(array, integer))
+
+    return check
+
+
+def _as_array(value: Any) -> np.ndarray[Any, Any] | None:
+    try:
+        return np.asarray(value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+
+
+def _finite(array: np.ndarray[Any, Any], integer: bool) -> np.ndarray[Any, Any]:
+    if integer:
+        return array.astype(np.int64)
+    result = array.astype(np.float64)
+    bad = np.argwhere(~(np.abs(result) <= FLOAT_MAX))
+    if len(bad):
+        raise faults(
+            (tuple(int(i) for i in at), fault("not_finite", f"must be finite, got {result[tuple(at)]}"))
+            for at in bad[:5]
+        )
+    return result
+
+
+def frozen(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
+    """Return `array` contiguous and read-only."""
+    result = np.ascontiguousarray(array)
+    if result is array or result.base is not None:
+        result = result.copy()
+    result.setflags(write=False)
+    return result
+
+
+def pixels(value: Any) -> Any:
+    """Return an image as a read-only float32 (H, W, 3) array; (H, W) and (H, W, 1) are grey."""
+    array = _as_array(value) if isinstance(value, list | tuple | np.ndarray) else None
+    if array is None or array.dtype.kind not in "iuf" or array.ndim not in (2, 3):
+        raise fault("wrong_type", f"expected an (H, W, 3) array of numbers, got {shown(value)}")
+    if array.ndim == 2:
+        array = array[:, :, None]
+    if array.shape[2] not in (1, 3) or 0 in array.shape:
+        raise fault("wrong_length", f"expected shape (H, W, 3) or (H, W), got {array.shape}")
+    with np.errstate(over="ignore"):
+        single = array.astype(np.float32)
+    if not np.isfinite(single).all():
+        at = tuple(int(i) for i in np.argwhere(~np.isfinite(single))[0])
+        raise faults([(at, fault("not_finite", f"must be finite, got {array[at]}"))])
+    return frozen(np.broadcast_to(single, (*single.shape[:2], 3)))
+
+
+Array = np.ndarray[Any, np.dtype[Any]]
+
+
+def _rows_schema(columns: int, kind: str) -> dict[str, Any]:
+    row = {"type": "array", "items": {"type": kind}, "minItems": columns, "maxItems": columns}
+    return {"type": "array", "items": row, "minItems": 1}
+
+
+Points = Annotated[
+    Array, PlainValidator(rows(3)), WithJsonSchema(_rows_schema(3, "number"))
+]
+Points2 = Annotated[
+    Array, PlainValidator(rows(2)), WithJsonSchema(_rows_schema(2, "number"))
+]
+Triangles = Annotated[
+    Array, PlainValidator(rows(3, integer=True)), WithJsonSchema(_rows_schema(3, "integer"))
+]
+Pixels = Annotated[
+    Array, PlainValidator(pixels),
+    WithJsonSchema({"type": "array", "items": {"type": "array"}, "minItems": 1}),
+]  # fmt: skip
+
+
+def tagged(key: str, table: Mapping[str, type[Node]], what: str) -> Callable[[Any], Any]:
+    """Return a validator that picks the model by the value of `key`."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, Node):
+            return value
+        if not isinstance(value, Mapping):
+            raise fault("wrong_type", f"expected an object, got {shown(value)}")
+        if key not in value:
+            message = f"{key!r} is missing here; choose one of " + ", ".join(map(repr, table))
+            raise faults([((key,), fault("missing_key", message))])
+        name = value[key]
+        if not isinstance(name, str) or name not in table:
+            raise faults([((key,), fault("unknown_type", *choose(f"the {what}", name, table)))])
+        return table[name].model_validate(value)
+
+    return check

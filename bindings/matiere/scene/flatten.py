@@ -1,0 +1,301 @@
+"""SceneModel -> `_core.RenderDescription`: names, defaults, units and files resolved.
+
+Everything is composed in double; then the scene is moved so that its centre lies near the origin
+before it is rounded to single precision, camera and lights with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from matiere.errors import Fault, MatiereError, SceneValidationError, pointer
+from matiere.materials import metal
+from matiere.scene.assets import AssetRoot
+from matiere.scene.materials import MaterialModel, TextureRef
+from matiere.scene.meshes import MAX_COORDINATE, PlacedMesh, clean, load_mesh
+from matiere.scene.model import (
+    DirectionalLight,
+    MeshShape,
+    PinholeCamera,
+    PointLight,
+    RectangleLight,
+    SceneModel,
+    SphereShape,
+    ThinLensCamera,
+)
+from matiere.scene.textures import load_environment, load_texture, place
+
+if TYPE_CHECKING:
+    from matiere import _core
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Flattened:
+    """The core's description of a scene, and what happened on the way."""
+
+    description: _core.RenderDescription
+    center: tuple[float, float, float]
+    notes: tuple[dict[str, Any], ...] = ()
+
+
+@dataclass(slots=True)
+class _Work:
+    """What flattening gathers."""
+
+    description: Any
+    faults: list[Fault] = field(default_factory=list)
+    notes: list[dict[str, Any]] = field(default_factory=list)
+    spaces: dict[str, str] = field(default_factory=dict)  # texture name -> its colour space
+    textures: dict[str, int] = field(default_factory=dict)
+    materials: dict[str, int] = field(default_factory=dict)
+
+    def note(self, at: str, code: str, message: str, count: int) -> None:
+        self.notes.append({"pointer": at, "code": code, "message": message, "count": count})
+
+
+def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
+    """Return the core's description of a checked scene, reading all of its files.
+
+    Raises SceneValidationError with every fault found in the files (missing names in a mesh,
+    unreadable images, ...), and AssetChanged when a file differs from its digest.
+    """
+    from matiere import _core
+
+    work = _Work(_core.RenderDescription())
+    meshes = _read_meshes(model, assets, work)
+    _add_textures(model, assets, work)
+    _check_scalar_textures(model, work)
+    environment = _read_environment(model, assets, work)
+    if work.faults:
+        raise SceneValidationError(work.faults)
+    center = scene_center(model, [mesh for _, mesh in meshes])
+    _add_film_and_camera(model, center, work)
+    _add_materials(model, work)
+    _add_meshes(meshes, center, work)
+    _add_spheres(model, center, work)
+    _add_lights(model, center, work)
+    _add_environment(model, environment, work)
+    if work.faults:
+        raise SceneValidationError(work.faults)
+    x, y, z = (float(c) for c in center)
+    return Flattened(work.description, (x, y, z), tuple(work.notes))
+
+
+def scene_center(model: SceneModel, meshes: list[PlacedMesh]) -> Vector:
+    """Return the point that becomes the origin: the centre of the shapes' bounding box.
+
+    Along an axis where the origin already lies within one box diagonal nothing is gained, and the
+    numbers stay as they were written.
+    """
+    boxes = [(m.positions.min(axis=0), m.positions.max(axis=0)) for m in meshes]
+    for shape in model.shapes:
+        if isinstance(shape, SphereShape):
+            center = np.asarray(shape.center)
+            boxes.append((center - shape.radius, center + shape.radius))
+    for light in model.lights:
+        if isinstance(light, RectangleLight):
+            corner, u, v = map(np.asarray, (light.corner, light.edge_u, light.edge_v))
+            points = np.stack([corner, corner + u, corner + v, corner + u + v])
+            boxes.append((points.min(axis=0), points.max(axis=0)))
+    if not boxes:
+        return np.asarray(model.camera.target, np.float64)
+    low = np.min([b[0] for b in boxes], axis=0)
+    high = np.max([b[1] for b in boxes], axis=0)
+    middle = low + (high - low) / 2
+    size = float(np.linalg.norm(high - low))
+    return np.asarray(np.where(np.abs(middle) <= size, 0.0, middle), np.float64)
+
+
+def _read_meshes(
+    model: SceneModel, assets: AssetRoot, work: _Work
+) -> list[tuple[int, PlacedMesh]]:
+    found: list[tuple[int, PlacedMesh]] = []
+    for index, shape in enumerate(model.shapes):
+        if not isinstance(shape, MeshShape):
+            continue
+        try:
+            found += [(index, mesh) for mesh in load_mesh(shape, assets)]
+        except MatiereError as error:
+            _collect(error, pointer("shapes", index), work)
+    return found
+
+
+def _collect(error: MatiereError, at: str, work: _Work) -> None:
+    """Keep the faults of one file and go on, unless the file was swapped under us."""
+    faults = place(error, at)
+    if error.code == "asset_changed":
+        raise type(error)(faults) from None  # type: ignore[arg-type]
+    work.faults += faults
+
+
+def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
+    """Add the textures that a material uses; the others are not even read."""
+    used = {t for material in model.materials.values() for t in material.textures().values()}
+    for name, texture in model.textures.items():
+        if name not in used:
+            continue
+        try:
+            loaded = load_texture(texture, assets)
+        except MatiereError as error:
+            _collect(error, pointer("textures", name), work)
+            continue
+        work.spaces[name] = loaded.color_space
+        work.textures[name] = work.description.add_texture(loaded.pixels, texture.wrap)
+
+
+def _check_scalar_textures(model: SceneModel, work: _Work) -> None:
+    from matiere.materials import materials
+
+    kinds = {row["type"]: {p["name"]: p["kind"] for p in row["params"]} for row in materials()}
+    for name, material in model.materials.items():
+        for parameter, texture in material.textures().items():
+            scalar = kinds[material.type].get(parameter) == "scalar"
+            if scalar and work.spaces.get(texture) == "sRGB":
+                why = (
+                    f"{parameter!r} is a number, but the texture {texture!r} is decoded as sRGB "
+                    'colour; give the texture "color_space": "data"'
+                )
+                at = pointer("materials", name, parameter, "texture")
+                work.faults.append(Fault(at, "wrong_color_space", why))
+
+
+def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> Any:
+    environment = model.environment
+    if environment is None or environment.radiance is not None:
+        return None
+    try:
+        loaded, negative = load_environment(environment, assets)
+    except MatiereError as error:
+        _collect(error, "/environment", work)
+        return None
+    if negative:
+        why = f"{negative} negative values of the environment were set to 0"
+        work.note("/environment", "negative_pixels", why, negative)
+    return loaded.pixels
+
+
+def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
+    film, camera = model.film, model.camera
+    work.description.set_film(film.width, film.height, film.filter, film.radius, film.crop)
+    lens = camera if isinstance(camera, ThinLensCamera) else None
+    assert isinstance(camera, PinholeCamera | ThinLensCamera)
+    work.description.set_camera(
+        camera.type,
+        _near(camera.origin, center),
+        _near(camera.target, center),
+        tuple(camera.up),
+        camera.vfov_deg,
+        lens.aperture_radius if lens else 0.0,
+        lens.focus_distance if lens else 1.0,
+    )
+
+
+def core_params(material: MaterialModel, textures: Mapping[str, int]) -> dict[str, Any]:
+    """Return the parameters as the core takes them: metals resolved, textures by index."""
+    params: dict[str, Any] = {}
+    for name, value in material.params().items():
+        if name == "metal":
+            constants = metal(value)
+            params |= {"eta": tuple(constants["eta"]), "k": tuple(constants["k"])}
+        else:
+            params[name] = _core_value(value, textures)
+    return params
+
+
+def _core_value(value: Any, textures: Mapping[str, int]) -> Any:
+    return ("texture", textures[value.texture]) if isinstance(value, TextureRef) else value
+
+
+def _add_materials(model: SceneModel, work: _Work) -> None:
+    for name, material in model.materials.items():
+        work.materials[name] = work.description.add_material(
+            material.type,
+            core_params(material, work.textures),
+            emission=_core_value(material.emission, work.textures),
+            two_sided=material.two_sided,
+            priority=material.priority,
+            name=name,
+            pointer=pointer("materials", name),
+        )
+
+
+def _add_meshes(meshes: list[tuple[int, PlacedMesh]], center: Vector, work: _Work) -> None:
+    degenerate: dict[int, int] = {}
+    kept: dict[int, int] = {}
+    for index, mesh in meshes:
+        at = pointer("shapes", index)
+        tidy, counts = clean(mesh, center)
+        degenerate[index] = degenerate.get(index, 0) + counts.degenerate_triangles
+        kept[index] = kept.get(index, 0) + len(tidy.triangles)
+        if counts.repaired_normals:
+            why = f"{counts.repaired_normals} normals without length were made anew"
+            work.note(at, "repaired_normals", why, counts.repaired_normals)
+        if len(tidy.triangles):
+            _add_mesh(tidy, at, work)
+    for index, count in degenerate.items():
+        at = pointer("shapes", index)
+        if not kept[index]:
+            why = "no triangle of the mesh has an area"
+            work.faults.append(Fault(at, "degenerate", why))
+        elif count:
+            why = f"{count} triangles without area were left out"
+            work.note(at, "degenerate_triangles", why, count)
+
+
+def _add_mesh(mesh: PlacedMesh, at: str, work: _Work) -> None:
+    work.description.add_mesh(
+        mesh.positions.astype(np.float32),
+        mesh.triangles.astype(np.uint32),
+        None if mesh.normals is None else mesh.normals.astype(np.float32),
+        None if mesh.uv is None else mesh.uv.astype(np.float32),
+        work.materials[mesh.material],
+        at,
+    )
+
+
+def _add_spheres(model: SceneModel, center: Vector, work: _Work) -> None:
+    for index, shape in enumerate(model.shapes):
+        if not isinstance(shape, SphereShape):
+            continue
+        if max(shape.radius, *(abs(c) for c in shape.center)) > MAX_COORDINATE:
+            why = f"the sphere reaches further than {MAX_COORDINATE:g} m from the origin"
+            work.faults.append(Fault(pointer("shapes", index), "out_of_range", why))
+            continue
+        work.description.add_sphere(
+            _near(shape.center, center), shape.radius, work.materials[shape.material]
+        )
+
+
+def _add_lights(model: SceneModel, center: Vector, work: _Work) -> None:
+    for light in model.lights:
+        if isinstance(light, RectangleLight):
+            work.description.add_rectangle_light(
+                _near(light.corner, center), light.edge_u, light.edge_v, light.radiance
+            )
+        elif isinstance(light, PointLight):
+            work.description.add_point_light(_near(light.position, center), light.intensity)
+        elif isinstance(light, DirectionalLight):
+            work.description.add_directional_light(light.direction, light.irradiance)
+
+
+def _add_environment(model: SceneModel, pixels: Any, work: _Work) -> None:
+    environment = model.environment
+    if environment is None:
+        return
+    if environment.radiance is not None:
+        r, g, b = (c * environment.scale for c in environment.radiance)
+        work.description.set_constant_environment((r, g, b))
+    else:
+        work.description.set_environment(pixels, environment.rotation_deg, environment.scale)
+
+
+def _near(point: tuple[float, float, float], center: Vector) -> tuple[float, float, float]:
+    x, y, z = (float(a) - float(c) for a, c in zip(point, center, strict=True))
+    return (x, y, z)

@@ -1,0 +1,284 @@
+"""Material models made from the core's parameter tables (`_core.materials()`).
+
+A parameter is a number, a colour, a word, a flag or `{"texture": name}`. What the core's table says
+about ranges, defaults and rules is checked here, so that the faults carry their place in the scene.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from functools import lru_cache
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import Field, PlainValidator, TypeAdapter, WithJsonSchema, create_model
+
+from matiere.materials import metals
+from matiere.scene.checks import (
+    COLOR_SCHEMA,
+    Line,
+    Node,
+    choose,
+    color,
+    fault,
+    faults,
+    number,
+    shown,
+    tagged,
+)
+
+TEXTURE_SCHEMA: dict[str, Any] = {
+    "type": "object",
+    "properties": {"texture": {"type": "string", "minLength": 1}},
+    "required": ["texture"],
+    "additionalProperties": False,
+}
+COMMON = ("type", "emission", "two_sided", "priority")
+
+
+class TextureRef(Node):
+    """A reference to one of the scene's `textures`."""
+
+    texture: str = Field(min_length=1, description="a key of `textures`")
+
+
+class MaterialModel(Node):
+    """What every material has beside the parameters of its type."""
+
+    type: str
+    emission: Any = Field(default=(0.0, 0.0, 0.0))
+    two_sided: bool = Field(True, description="false: the back of an opaque material is black")
+    priority: int = Field(
+        0, ge=-1000, le=1000, description="of the interior: the higher one wins where two overlap"
+    )
+
+    def params(self) -> dict[str, Any]:
+        """Return the model's own parameters that have a value: given, or the default."""
+        own = (name for name in type(self).model_fields if name not in COMMON)
+        return {name: value for name in own if (value := getattr(self, name)) is not None}
+
+    def textures(self) -> dict[str, str]:
+        """Return parameter name -> texture name for the parameters that are textures."""
+        names = [n for n in type(self).model_fields if isinstance(getattr(self, n), TextureRef)]
+        return {name: getattr(self, name).texture for name in names}
+
+
+def scalar_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a number (or texture) parameter."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, Mapping | TextureRef):
+            return _texture(row, value)
+        what = "a number" + (' or {"texture": name}' if takes_texture(row) else "")
+        result = number(value, what=what)
+        if why := out_of_range(row, result):
+            raise fault("out_of_range", f"{why}, got {shown(value)}")
+        return result
+
+    return check
+
+
+def color_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a colour (or texture) parameter."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, Mapping | TextureRef):
+            return _texture(row, value)
+        if not isinstance(value, list | tuple | int | float | np.ndarray | np.number):
+            more = ' or {"texture": name}' if takes_texture(row) else ""
+            raise fault("wrong_type", f"expected a number, [r, g, b]{more}, got {shown(value)}")
+        result = color(value)
+        bad = [(i, why) for i, x in enumerate(result) if (why := out_of_range(row, x))]
+        if bad and isinstance(value, list | tuple | np.ndarray):
+            raise faults(
+                ((i,), fault("out_of_range", f"{why}, got {result[i]:g}")) for i, why in bad
+            )
+        if bad:
+            raise fault("out_of_range", f"{bad[0][1]}, got {shown(value)}")
+        return result
+
+    return check
+
+
+def _texture(row: Mapping[str, Any], value: Any) -> TextureRef:
+    if not takes_texture(row):
+        raise fault("wrong_type", f"{row['name']!r} is constant; it takes no texture")
+    return value if isinstance(value, TextureRef) else TextureRef.model_validate(value)
+
+
+def takes_texture(row: Mapping[str, Any]) -> bool:
+    """Say whether a parameter may be a texture."""
+    numeric = row["kind"] in ("scalar", "color")
+    return bool(numeric and row.get("texture", True) and not row.get("constant_only", False))
+
+
+def out_of_range(row: Mapping[str, Any], value: float) -> str | None:
+    """Return the sentence for a value outside the row's range, or None."""
+    low, high, open_low = row.get("min"), row.get("max"), row.get("min_exclusive", False)
+    if low is not None and (value < low or (open_low and value == low)):
+        return f"must be {'greater than' if open_low else 'at least'} {low:g}"
+    if high is not None and value > high:
+        return f"must be at most {high:g}"
+    return None
+
+
+def enum_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a parameter that is one of a few words."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, str) or value not in row["choices"]:
+            raise fault("unknown_choice", *choose(f"the {row['name']}", value, row["choices"]))
+        return value
+
+    return check
+
+
+def metal_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of the name of a metal."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, str) or value not in metals():
+            raise fault("unknown_metal", *choose("the metal", value, metals()))
+        return value
+
+    return check
+
+
+def bool_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a flag."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, bool):
+            raise fault("wrong_type", f"expected true or false, got {shown(value)}")
+        return value
+
+    return check
+
+
+def int_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a whole number."""
+
+    def check(value: Any) -> Any:
+        if isinstance(value, bool) or not isinstance(value, int):
+            raise fault("wrong_type", f"expected a whole number, got {shown(value)}")
+        if why := out_of_range(row, value):
+            raise fault("out_of_range", f"{why}, got {value}")
+        return value
+
+    return check
+
+
+KINDS: dict[str, Callable[[Mapping[str, Any]], Callable[[Any], Any]]] = {
+    "scalar": scalar_param, "color": color_param, "enum": enum_param, "metal": metal_param,
+    "bool": bool_param, "int": int_param,
+}  # fmt: skip
+
+
+def param_schema(row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the JSON Schema of one parameter."""
+    kind = row["kind"]
+    if kind == "enum":
+        return {"enum": list(row["choices"])}
+    if kind == "metal":
+        return {"enum": sorted(metals())}
+    if kind == "bool":
+        return {"type": "boolean"}
+    one: dict[str, Any] = {"type": "integer" if kind == "int" else "number"}
+    if row.get("min") is not None:
+        one["exclusiveMinimum" if row.get("min_exclusive") else "minimum"] = row["min"]
+    if row.get("max") is not None and np.isfinite(row["max"]):
+        one["maximum"] = row["max"]
+    options = [one]
+    if kind == "color":
+        options.append({"type": "array", "items": one, "minItems": 3, "maxItems": 3})
+    if takes_texture(row):
+        options.append(TEXTURE_SCHEMA)
+    return options[0] if len(options) == 1 else {"anyOf": options}
+
+
+def _default(row: Mapping[str, Any]) -> Any:
+    value = row.get("default")
+    if value is None:
+        return None
+    if row["kind"] == "color":
+        return color(list(value) if isinstance(value, tuple) else value)
+    return value
+
+
+def _field(row: Mapping[str, Any]) -> tuple[Any, Any]:
+    validator = PlainValidator(KINDS[row["kind"]](row))
+    kind = Annotated[Any, validator, WithJsonSchema(param_schema(row))]
+    doc = row["doc"] + (f" [{row['unit']}]" if row.get("unit") else "")
+    if row.get("required"):
+        return kind, Field(description=doc)
+    # Values and null mean the same as an absent key only where the schema says so: never here.
+    return kind, Field(default=_default(row), description=doc)
+
+
+def rule_lines(row: Mapping[str, Any], given: set[str]) -> Iterable[Line]:
+    """Yield the faults of parameters that must, or must not, be given together."""
+    for names in row.get("exclusive", ()):
+        used = [n for n in names if n in given]
+        if len(used) > 1:
+            said = " and ".join(map(repr, used))
+            why = f"{said} say the same thing; give one of {', '.join(map(repr, names))}"
+            yield (used[1],), fault("exclusive_keys", why)
+    for names in row.get("one_of", ()):
+        if not given.intersection(names):
+            yield (), fault("missing_key", f"needs one of {', '.join(map(repr, names))}")
+    for names in row.get("together", ()):
+        used = [n for n in names if n in given]
+        for name in names:
+            if used and name not in given:
+                yield (name,), fault("missing_key", f"{used[0]!r} is given, so {name!r} is needed")
+    for name, other in row.get("requires", ()):
+        if name in given and other not in given:
+            yield (other,), fault("missing_key", f"{name!r} is given, so {other!r} is needed too")
+
+
+EMISSION_ROW: dict[str, Any] = {
+    "name": "emission", "kind": "color", "min": 0.0, "default": 0.0, "unit": "W/m^2/sr",
+    "doc": "radiance the surface emits",
+}  # fmt: skip
+
+
+def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
+    from typing import Literal
+
+    kind = row["type"]
+
+    def problems(self: MaterialModel) -> Iterable[Line]:
+        return rule_lines(row, set(self.model_fields_set))
+
+    fields: dict[str, Any] = {
+        "type": (Literal[kind], Field(description="the model")),
+        "emission": _field(EMISSION_ROW),
+        **{param["name"]: _field(param) for param in row["params"]},
+    }
+    name = "".join(word.capitalize() for word in kind.split("_")) + "Material"
+    made = create_model(name, __base__=MaterialModel, __doc__=row["doc"], **fields)
+    made.problems = problems  # type: ignore[method-assign]
+    return made
+
+
+@lru_cache(maxsize=1)
+def material_models() -> dict[str, type[MaterialModel]]:
+    """Return material type -> model, made once from the core's tables."""
+    from matiere.materials import materials
+
+    return {row["type"]: _make(row) for row in materials()}
+
+
+def _material(value: Any) -> Any:
+    return tagged("type", material_models(), "material type")(value)
+
+
+def check_material(value: Any) -> MaterialModel:
+    """Return the model of one material object; raise pydantic's ValidationError with our faults."""
+    made: MaterialModel = TypeAdapter(Material).validate_python(value)
+    return made
+
+
+Material = Annotated[
+    MaterialModel, PlainValidator(_material), WithJsonSchema({"$ref": "#/$defs/Material"})
+]

@@ -1,0 +1,130 @@
+"""A checked scene: its model, its files, its digest, and the core's scene built from it."""
+
+from __future__ import annotations
+
+import json
+import threading
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydantic import BaseModel
+
+from matiere.errors import AssetChanged, Fault, SceneValidationError, pointer
+from matiere.scene import references
+from matiere.scene.assets import AssetRoot
+from matiere.scene.model import SceneModel
+
+if TYPE_CHECKING:
+    from matiere import _core
+    from matiere.scene.flatten import Flattened
+
+
+class Scene:
+    """A scene that passed every check. Made by `mt.load`; safe to share between threads."""
+
+    def __init__(self, model: SceneModel, assets: AssetRoot) -> None:
+        self.model = model
+        self._root = assets
+        self._lock = threading.Lock()
+        self._built: _core.Scene | None = None
+        self._flattened: Flattened | None = None
+
+    def __repr__(self) -> str:
+        film = self.model.film
+        return f"Scene({film.width} x {film.height}, {len(self.model.shapes)} shapes)"
+
+    @property
+    def asset_root(self) -> str:
+        """The folder the scene's files lie in."""
+        return str(self._root.root)
+
+    @property
+    def assets(self) -> list[tuple[str, str]]:
+        """Every file of the scene as (name, SHA-256 in hex), sorted by name, each once."""
+        names = {name for _, name, _ in references.files(self._document())}
+        return [(name, self.asset_digest(name)) for name in sorted(names)]
+
+    def asset_digest(self, name: str) -> str:
+        """Return the SHA-256 (hex) of one of the scene's files."""
+        with self._lock:
+            return self._root.digest(name)
+
+    @property
+    def digest(self) -> str:
+        """SHA-256 (hex) of the whole scene: canonical JSON, defaults filled, files by content."""
+        from matiere.scene.digest import scene_digest
+
+        return scene_digest(self)
+
+    def verify_pins(self) -> None:
+        """Raise AssetChanged if a pinned file does not have its digest."""
+        changed: list[Fault] = []
+        for place, name, _ in references.files(self._document()):
+            if name not in self._root.pins:
+                continue
+            try:
+                self.asset_digest(name)
+            except SceneValidationError as error:
+                changed += [Fault(pointer(*place), f.code, f.message) for f in error.faults]
+        if changed:
+            raise AssetChanged(changed)
+
+    def flatten(self) -> Flattened:
+        """Return the core's description of the scene, reading its files; kept once made."""
+        from matiere.scene.flatten import flatten
+
+        with self._lock:
+            if self._flattened is None:
+                self._flattened = flatten(self.model, self._root)
+            return self._flattened
+
+    def build(self, threads: int = 0) -> _core.Scene:
+        """Return the core's scene (acceleration structure, light tables); kept once built.
+
+        `threads` is the number of threads that build, 0 for one per usable core. Raises
+        SceneValidationError for what only building can find out.
+        """
+        from matiere import _core
+
+        description = self.flatten().description
+        with self._lock:
+            if self._built is None:
+                try:
+                    self._built = _core.Scene(description, threads)
+                except _core.SceneError as error:
+                    code = str(getattr(error, "code", "invalid_scene"))
+                    where = str(getattr(error, "pointer", ""))
+                    why = str(getattr(error, "message", error))
+                    raise SceneValidationError([Fault(where, code, why)]) from None
+            return self._built
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the scene as plain JSON values, with what was not given left out."""
+        made: dict[str, Any] = given(self.model)
+        return made
+
+    def to_json(self, indent: int | None = 1) -> str:
+        """Return the scene as JSON text that `mt.load` reads back to an equal scene."""
+        return json.dumps(self.to_dict(), indent=indent, allow_nan=False) + "\n"
+
+    def _document(self) -> Mapping[str, Any]:
+        names: dict[str, Any] = {
+            "shapes": [{"type": s.type, "file": getattr(s, "file", None)} for s in self.model.shapes],
+            "textures": {key: {"file": t.file} for key, t in self.model.textures.items()},
+        }
+        if self.model.environment is not None:
+            names["environment"] = {"file": self.model.environment.file}
+        return names
+
+
+def given(value: Any) -> Any:
+    """Return a model as plain JSON values: only the keys that were given, arrays as lists."""
+    if isinstance(value, BaseModel):
+        names = [name for name in type(value).model_fields if name in value.model_fields_set]
+        return {name: given(getattr(value, name)) for name in names}
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, dict):
+        return {key: given(item) for key, item in value.items()}
+    return [given(item) for item in value] if isinstance(value, list | tuple) else value
