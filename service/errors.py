@@ -77,9 +77,7 @@ CODES: dict[str, Kind] = {
     "method_not_allowed": Kind(
         405, "This address does not take this method", "The `Allow` header lists the methods."
     ),
-    "request_timeout": Kind(
-        408, "The body came too slowly", "Send the body without long pauses."
-    ),
+    "request_timeout": Kind(408, "The body came too slowly", "Send the body without long pauses."),
     "job_not_finished": Kind(
         409,
         "The job has no result yet",
@@ -262,18 +260,15 @@ def _summary(errors: list[dict[str, str]]) -> str:
     return f"{len(errors)} errors; the first is {first}"
 
 
-def _incident(error: Exception, request: Request) -> Problem:
-    incident = uuid.uuid4().hex[:12]
-    log.error(
-        "incident %s at %s %s", incident, request.method, request.url.path, exc_info=error
-    )
-    return Problem(
-        "internal_error", f"An unexpected error; incident {incident}.", incident=incident
-    )
+def incident(error: Exception, method: str, path: str) -> Problem:
+    """Log an unexpected error under a number, and return the answer that tells only the number."""
+    number = uuid.uuid4().hex[:12]
+    log.error("incident %s at %s %s", number, method, path, exc_info=error)
+    return Problem("internal_error", f"An unexpected error; incident {number}.", incident=number)
 
 
 def install(app: FastAPI) -> None:
-    """Make every error of `app` a problem document."""
+    """Make every foreseen error of `app` a problem document; `security.py` does the others."""
 
     def on_http(request: Request, error: Exception) -> Response:
         if isinstance(error, Problem):
@@ -295,16 +290,12 @@ def install(app: FastAPI) -> None:
         assert isinstance(error, MatiereError)
         problem = problem_of(error)
         if problem.code == "internal_error":
-            problem = _incident(error, request)
+            problem = incident(error, request.method, request.url.path)
         return problem.response()
-
-    def on_bug(request: Request, error: Exception) -> Response:
-        return _incident(error, request).response()
 
     app.add_exception_handler(HTTPException, on_http)
     app.add_exception_handler(RequestValidationError, on_validation)
     app.add_exception_handler(MatiereError, on_matiere)
-    app.add_exception_handler(Exception, on_bug)
 
 
 def _validation_problem(error: RequestValidationError) -> Problem:

@@ -84,7 +84,8 @@ class Axis(_Request):
         None, description="first, last, count", strict=False
     )
     logspace: tuple[float, float, int] | None = Field(
-        None, description="first, last, count; first and last are values, not exponents",
+        None,
+        description="first, last, count; first and last are values, not exponents",
         strict=False,
     )
     label: Label | None = None

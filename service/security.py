@@ -7,6 +7,7 @@
   an HTML form can send are refused, which together with the above stops cross-site requests.
 - Bodies are counted while they arrive: a JSON body past `max_body_bytes`, an asset past
   `max_asset_bytes`, or a body that stalls is refused without being kept.
+- An error that nothing foresaw is logged under an incident number and answered as a problem.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from collections.abc import Iterable
 
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
-from matiere.service.errors import Problem
+from matiere.service.errors import Problem, incident
 
 READS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
@@ -72,7 +73,23 @@ class SecurityMiddleware:
         except Problem as problem:
             await problem.response()(scope, receive, send)
             return
-        await self.app(scope, receive, send)
+        await self._run(scope, receive, send)
+
+    async def _run(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Run the application; what it fails to handle becomes a 500 with an incident number."""
+        begun = False
+
+        async def noting(message: Message) -> None:
+            nonlocal begun
+            begun = True
+            await send(message)
+
+        try:
+            await self.app(scope, receive, noting)
+        except Exception as error:
+            problem = incident(error, scope["method"], scope["path"])
+            if not begun:
+                await problem.response()(scope, receive, send)
 
     def _check_host(self, headers: dict[bytes, list[bytes]]) -> None:
         given = headers.get(b"host", [])

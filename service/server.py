@@ -112,6 +112,7 @@ class BackgroundServer:
             log_config=None,
             access_log=log.isEnabledFor(logging.INFO),
             server_header=False,
+            proxy_headers=False,
             timeout_keep_alive=KEEP_ALIVE_S,
             timeout_graceful_shutdown=5,
             h11_max_incomplete_event_size=64 * 2**10,
