@@ -31,7 +31,8 @@ SOFT: Color = (0.66, 0.67, 0.68)
 WARN: Color = (0.95, 0.60, 0.40)
 
 MAX_EDGE = 8192  # pixels; larger grids get smaller thumbnails
-MIN_THUMB = 24
+MIN_THUMB = 16
+MIN_LABELLED = 56  # below this width a caption says nothing: leave it out
 DISPLAY_GAMMA = 2.2  # thumbnails are averaged in roughly linear light
 
 
@@ -104,7 +105,8 @@ def make(
     marks: list[TextMark] = []
     for index, cell in enumerate(cells):
         _draw_thumb(sheet, layout.corner(index), layout, cell.get("image"), marks)
-        _caption(layout, index, cell, marks)
+        if layout.caption:
+            _caption(layout, index, cell, marks)
     _headers(layout, column_headers, row_headers, marks)
     _titles(layout, title, subtitle, legend, marks)
     return _png(draw_text(sheet, marks))
@@ -143,9 +145,17 @@ def _first_size(
     image = next((cell["image"] for cell in cells if cell.get("image")), None)
     shape = imageio.read_image(image).pixels.shape if image else (1, 1)
     aspect = shape[0] / shape[1]
-    fit = min(cell_width, int(MAX_EDGE / columns * 0.9), int(MAX_EDGE / rows * 0.75 / aspect))
+    lines = max(_caption_lines(cell) for cell in cells)
+    fit = min(cell_width, _largest(columns, 0.0), int(_largest(rows, 24.0 * lines) / aspect))
     fit = max(fit, MIN_THUMB)
     return fit, max(1, round(fit * aspect))
+
+
+def _largest(count: int, extra: float) -> int:
+    """Return the largest edge of `count` thumbnails, each with `extra` pixels, on one sheet."""
+    room = MAX_EDGE - 300
+    with_text = int(room / count - extra - 10)
+    return with_text if with_text >= MIN_LABELLED else int(room / count - 4)
 
 
 def _layout(
@@ -159,7 +169,7 @@ def _layout(
     row_headers, column_headers, subtitle, legend = texts
     size = max(10, min(20, round(thumb[0] / 15)))
     line = round(size * 1.4)
-    lines = max(_caption_lines(cell) for cell in cells)
+    lines = max(_caption_lines(cell) for cell in cells) if thumb[0] >= MIN_LABELLED else 0
     widest = max((text_width(t, size) for t in row_headers), default=0)
     top = round(size * 2.2) + (line if subtitle else 0) + line
     return Layout(
@@ -170,7 +180,7 @@ def _layout(
         label_size=size,
         left=size + (widest + size if row_headers else 0),
         top=top + (line if column_headers else 0),
-        gap=max(4, size // 2),
+        gap=max(4, size // 2) if thumb[0] >= MIN_LABELLED else 4,
         caption=lines * line + (size // 3 if lines else 0),
         bottom=2 * size + (len(legend.splitlines()) * line if legend else 0),
     )
