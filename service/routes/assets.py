@@ -8,6 +8,7 @@ from typing import Any
 
 from anyio import from_thread
 from fastapi import APIRouter, Request, Response
+from starlette.types import Message
 
 from matiere.service.deps import EngineDep
 from matiere.service.errors import Problem
@@ -55,9 +56,13 @@ def head_asset(sha256: str, engine: EngineDep) -> Response:
 
 def _body(request: Request) -> Iterator[bytes]:
     """Yield the body piece by piece, in the worker thread that stores it."""
+
+    async def receive() -> Message:
+        return await request.receive()
+
     more = True
     while more:
-        message = from_thread.run(request.receive)
+        message = from_thread.run(receive)
         if message["type"] == "http.disconnect":
             raise _ClientLeft
         if piece := message.get("body", b""):

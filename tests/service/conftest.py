@@ -12,6 +12,7 @@ pytest.importorskip("fastapi", reason="needs the extra matiere[service]")
 import httpx
 from fake_engine import FakeEngine
 from fastapi import FastAPI
+
 from matiere.service.app import create_app
 from matiere.service.server import BackgroundServer, bind, url_of
 from matiere.service.settings import Settings

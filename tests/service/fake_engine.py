@@ -13,8 +13,13 @@ from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.engine import Engine
-from matiere.jobs.errors import AssetMismatch, Draining, IdempotencyConflict, JobNotFound
-from matiere.jobs.errors import NotReadyYet
+from matiere.jobs.errors import (
+    AssetMismatch,
+    Draining,
+    IdempotencyConflict,
+    JobNotFound,
+    NotReadyYet,
+)
 from matiere.jobs.job import (
     ARTIFACT_MEDIA_TYPES,
     Artifact,

@@ -12,6 +12,7 @@ import httpx
 import pytest
 from fake_engine import FakeEngine
 from fastapi import FastAPI
+
 from matiere.jobs.job import JobState
 
 BODY = {"scene": {"version": 1}}
