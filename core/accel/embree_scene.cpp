@@ -48,6 +48,10 @@ void sphere_occluded(const RTCOccludedFunctionNArguments* args) {
     if (intersect_sphere(sphere, to_sphere_ray(ray))) ray.tfar = -kInfinity<float>;
 }
 
+/// Not 0: on a plane through the origin of an axis the error bound of a point is exactly 0, and so is
+/// the distance at which a ray that starts there meets the plane again.
+constexpr float kNear = std::numeric_limits<float>::min();
+
 RTCRay to_embree(const Ray& ray) {
     RTCRay r;
     r.org_x = ray.origin.x;
@@ -56,7 +60,7 @@ RTCRay to_embree(const Ray& ray) {
     r.dir_x = ray.direction.x;
     r.dir_y = ray.direction.y;
     r.dir_z = ray.direction.z;
-    r.tnear = 0;
+    r.tnear = kNear;
     r.tfar = ray.t_max;
     r.time = 0;
     r.mask = ~0U;
