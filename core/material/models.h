@@ -5,8 +5,12 @@
 #include <utility>
 #include <variant>
 
+#include "material/models/conductor.h"
+#include "material/models/cook_torrance.h"
+#include "material/models/dielectric.h"
 #include "material/models/lambert.h"
 #include "material/models/mirror.h"
+#include "material/models/plastic.h"
 
 namespace matiere {
 
@@ -21,6 +25,10 @@ struct TypeList {
 template <class R>
 using ModelList = TypeList<
     Lambert<R>,
+    Plastic<R>,
+    Conductor<R>,
+    CookTorrance<R>,
+    Dielectric<R>,
     Mirror<R>
 >;
 // clang-format on

@@ -12,6 +12,8 @@
 
 namespace matiere {
 
+inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
+
 enum class ParamKind : std::uint8_t { kScalar, kColor, kBool, kEnum, kMetal };
 
 /// The type-erased part of one row.
@@ -19,7 +21,7 @@ struct ParamInfo {
     std::string_view name;
     ParamKind kind{};
     double min = 0.0;
-    double max = std::numeric_limits<double>::infinity();
+    double max = kUnlimited;
     bool min_exclusive = false;
     bool has_default = false;
     bool required = false;       ///< must be given (a rule may ask for one of several instead)

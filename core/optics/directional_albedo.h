@@ -24,6 +24,14 @@ struct AlbedoTable {
 
     int rows() const { return int(average.size()); }
 
+    template <class To>
+    AlbedoTable<To> cast() const {
+        AlbedoTable<To> t;
+        for (const auto& e : E) t.E.push_back(spectrum_cast<To>(e));
+        for (const auto& a : average) t.average.push_back(spectrum_cast<To>(a));
+        return t;
+    }
+
     static R node_cosine(int i) { return sqr(R(i) / R(kNodes - 1)); }
 
     Spectrum<R> lookup(R cos_theta, R t = R(0)) const {

@@ -1,0 +1,62 @@
+// The parameters of a rough surface, shared by every microfacet model: width, shape and masking.
+#pragma once
+
+#include "material/param.h"
+#include "optics/microfacet.h"
+
+namespace matiere {
+
+template <class T, std::size_t A, std::size_t B>
+constexpr std::array<T, A + B> join(const std::array<T, A>& a, const std::array<T, B>& b) {
+    std::array<T, A + B> all{};
+    for (std::size_t i = 0; i < A; ++i) all[i] = a[i];
+    for (std::size_t i = 0; i < B; ++i) all[A + i] = b[i];
+    return all;
+}
+
+inline constexpr double kDefaultAlpha = 0.1;
+
+template <class R>
+struct AlphaParams {
+    Value<R> alpha, roughness, alpha_x, alpha_y;
+    Value<int> distribution, masking;
+
+    /// Rows for a parameter struct P that derives from this one; `initial` is alpha's default.
+    template <class P>
+    static constexpr auto rows(double initial = kDefaultAlpha) {
+        return std::array{
+            scalar<P, R>("alpha", &P::alpha, "Width of the facet slopes; 0 is smooth.")
+                .range(0, 1)
+                .initially(initial),
+            scalar<P, R>("roughness", &P::roughness, "Alternative to alpha: alpha = roughness^2.")
+                .range(0, 1),
+            scalar<P, R>("alpha_x", &P::alpha_x, "Width along the tangent.").range(0, 1),
+            scalar<P, R>("alpha_y", &P::alpha_y, "Width across the tangent.").range(0, 1),
+            choice<P, R>("distribution", &P::distribution, kDistributionNames,
+                         "Distribution of the facet normals.")
+                .initially(0),
+            choice<P, R>("masking", &P::masking, kMaskingNames,
+                         "Shadowing and masking: smith is height-correlated.")
+                .initially(0)};
+    }
+    static constexpr auto rules() {
+        return std::array{exclusive("alpha", "roughness", "alpha_x"),
+                          exclusive("alpha", "roughness", "alpha_y"),
+                          together("alpha_x", "alpha_y")};
+    }
+
+    Vec2<R> alphas() const {
+        if (alpha_x.given) return {alpha_x.v, alpha_y.v};
+        const R a = roughness.given ? alpha_from_roughness(roughness.v) : alpha.v;
+        return {a, a};
+    }
+    bool any_textured() const {
+        return alpha.textured || roughness.textured || alpha_x.textured || alpha_y.textured;
+    }
+    Microfacet<R> microfacet() const {
+        const Vec2<R> a = alphas();
+        return Microfacet<R>::make(a.x, a.y, Distribution(distribution.v), Masking(masking.v));
+    }
+};
+
+}  // namespace matiere

@@ -1,0 +1,100 @@
+// A Fresnel surface over a diffuse body, energy conserving: what the surface does not reflect, by
+// its directional albedo E, reaches the body; what leaves the body crosses the surface again.
+//
+//   f = f_surface + rho (1 - E(i)) (1 - E(o)) / (pi (eta^2 (1 - rho) + rho (1 - E_avg)))
+//
+// With eta the index of the body's medium this is rho / (pi eta^2 (1 - rho F_in)), F_in =
+// 1 - (1 - E_avg) / eta^2 the internal reflectance, all internal bounces summed (Weidlich & Wilkie
+// 2007 in its corrected closed form; Kulla & Conty 2017 for the rough E). rho = 1 gives albedo 1.
+#pragma once
+
+#include <optional>
+
+#include "material/coat_albedo.h"
+#include "material/microfacet_lobe.h"
+#include "sampling/warp.h"
+
+namespace matiere {
+
+/// Keeps 0/0 away where a surface reflects everything and its body never shows.
+inline constexpr double kMinBodyDenominator = 1e-7;
+
+template <class R>
+struct CoatedDiffuse {
+    MicrofacetLobe<R> coat;
+    CoatAlbedo<R> albedo;
+    Spectrum<R> body;          ///< rho / (eta^2 (1 - rho) + rho (1 - E_avg)); black: no body
+    R body_share{};            ///< mean over channels of body (1 - E_avg)
+
+    static CoatedDiffuse make(const MicrofacetLobe<R>& coat, const CoatAlbedo<R>& albedo,
+                              const Spectrum<R>& rho, R eta2) {
+        CoatedDiffuse m{coat, albedo, {}, R(0)};
+        if (rho.is_black()) return m;
+        const Spectrum<R> through = Spectrum<R>(R(1)) - albedo.average(coat.fresnel);
+        for (int i = 0; i < kActiveLanes; ++i) {
+            const R denominator = eta2 * (R(1) - rho[i]) + rho[i] * through[i];
+            m.body[i] = rho[i] / std::max(denominator, R(kMinBodyDenominator));
+        }
+        m.body_share = (m.body * through).average();
+        return m;
+    }
+
+    bool has_body() const { return !body.is_black(); }
+
+    std::uint8_t lobes() const {
+        return std::uint8_t(coat.lobe() | (has_body() ? kDiffuse : 0));
+    }
+
+    /// Probability of sampling the coat: its share of the light that wo sees, E_o its albedo there.
+    R coat_probability(const Spectrum<R>& E_o) const {
+        const R surface = E_o.average();
+        const R below = (R(1) - surface) * body_share;
+        return surface + below > R(0) ? surface / (surface + below) : R(1);
+    }
+
+    BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
+        if (!has_body()) return coat.eval(wo, wi);
+        if (!(wo.z > R(0)) || !(wi.z > R(0))) return {};
+        const Spectrum<R> E_o = albedo(wo, coat.fresnel);
+        return mixed(coat.eval(wo, wi), E_o, wi);
+    }
+
+    std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
+        if (!has_body()) return coat.sample(wo, u);
+        const Spectrum<R> E_o = albedo(wo, coat.fresnel);
+        const R p = coat_probability(E_o);
+        if (u.x < p) {
+            u.x = std::min(u.x / p, kOneMinusEpsilon<R>);
+            auto s = coat.sample(wo, u);
+            if (!s) return {};
+            if (coat.is_delta()) {
+                s->weight *= R(1) / p;
+                s->pdf = p;
+                return s;
+            }
+            return finish(*s, mixed({s->weight * s->pdf, s->pdf}, E_o, s->wi));
+        }
+        const Vec3<R> wi = square_to_cosine_hemisphere(u.y, u.z);
+        if (!(wi.z > R(0))) return {};
+        return finish({wi, {}, R(0), kDiffuse | kReflection}, mixed(coat.eval(wo, wi), E_o, wi));
+    }
+
+ private:
+    BsdfEval<R> mixed(BsdfEval<R> surface, const Spectrum<R>& E_o, Vec3<R> wi) const {
+        const R p = coat_probability(E_o);
+        const R cosine = cosine_hemisphere_pdf(wi.z);
+        const Spectrum<R> one(R(1));
+        surface.f += body * (one - E_o) * (one - albedo(wi, coat.fresnel)) * cosine;
+        surface.pdf = p * surface.pdf + (R(1) - p) * cosine;
+        return surface;
+    }
+
+    static std::optional<BsdfSample<R>> finish(BsdfSample<R> s, const BsdfEval<R>& e) {
+        if (!(e.pdf > R(0))) return {};
+        s.weight = e.f * (R(1) / e.pdf);
+        s.pdf = e.pdf;
+        return s;
+    }
+};
+
+}  // namespace matiere

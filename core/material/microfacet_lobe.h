@@ -1,0 +1,50 @@
+// A reflecting microfacet surface with a Fresnel term: the lobe that several models share. Value,
+// density and sample follow one rule for the smooth limit, where the lobe is a delta.
+#pragma once
+
+#include <optional>
+
+#include "material/bsdf.h"
+#include "optics/fresnel_term.h"
+#include "optics/microfacet.h"
+
+namespace matiere {
+
+template <class R>
+struct MicrofacetLobe {
+    Microfacet<R> surface;
+    FresnelTerm<R> fresnel;
+
+    bool is_delta() const { return surface.is_delta(); }
+    std::uint8_t lobe() const {
+        return std::uint8_t((is_delta() ? kSpecular : kGlossy) | kReflection);
+    }
+
+    /// f cos and pdf: f = F D G2 / (4 cos_o cos_i) (Torrance & Sparrow 1967).
+    BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
+        if (is_delta() || !(wo.z > R(0)) || !(wi.z > R(0))) return {};
+        const Vec3<R> sum = wo + wi;
+        const R l2 = length_squared(sum);
+        if (!(l2 > R(0))) return {};
+        const Vec3<R> h = sum * (R(1) / std::sqrt(l2));
+        const R D = surface.D(h);
+        const R visibility = surface.reflection_visibility(wo, wi, h);
+        return {fresnel(dot(wo, h)) * (R(0.25) * D * visibility),
+                D * surface.reflection_pdf_over_D(wo, h)};
+    }
+
+    /// Weight F G2 / G1, at most 1; nothing where the reflected direction is below the horizon.
+    std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
+        if (is_delta())
+            return BsdfSample<R>{{-wo.x, -wo.y, wo.z}, fresnel(wo.z), R(1), lobe()};
+        const Vec3<R> h = surface.sample_for_reflection(wo, u);
+        const R oh = dot(wo, h);
+        if (!(oh > R(0))) return {};
+        const Vec3<R> wi = reflect(wo, h);
+        if (!(wi.z > R(0))) return {};
+        const R pdf = surface.D(h) * surface.reflection_pdf_over_D(wo, h);
+        return BsdfSample<R>{wi, fresnel(oh) * surface.bounded_weight(wo, wi, h), pdf, lobe()};
+    }
+};
+
+}  // namespace matiere

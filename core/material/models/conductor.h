@@ -1,0 +1,51 @@
+// Metal: exact Fresnel reflectance of a complex index eta + i k per channel over a GGX or Beckmann
+// surface; alpha = 0 is a perfect mirror of that metal.
+// Sources: Torrance & Sparrow 1967; Walter et al. 2007; Heitz 2014; Born & Wolf 1999, sec. 14.2.
+// Single scattering between facets: energy is lost at high alpha. eta, k relative to the outside.
+#pragma once
+
+#include "material/alpha_params.h"
+#include "material/microfacet_lobe.h"
+#include "material/model.h"
+
+namespace matiere {
+
+template <class R>
+struct Conductor {
+    static constexpr std::string_view kName = "conductor";
+    static constexpr std::string_view kDoc = "Metal with complex index of refraction, smooth or rough.";
+    static constexpr std::string_view kSource =
+        "Torrance & Sparrow 1967; Walter et al. 2007; Heitz & d'Eon 2014; Heitz 2014";
+    static constexpr std::uint32_t kFeatures =
+        kFeatureReflection | kFeatureDelta | kFeatureAnisotropic;
+
+    struct Params : AlphaParams<R> {
+        Value<Spectrum<R>> eta, k;
+
+        static constexpr auto table() {
+            return join(std::array{metal<Params, R>("metal", "Symbol of a metal, for example Au."),
+                                   color("eta", &Params::eta, "Index of refraction.").range(0, 1000),
+                                   color("k", &Params::k, "Extinction coefficient.").range(0, 1000)},
+                        AlphaParams<R>::template rows<Params>());
+        }
+        static constexpr auto rules() {
+            return join(std::array{one_of("metal", "eta"), exclusive("metal", "eta"),
+                                   exclusive("metal", "k"), requires_param("k", "eta")},
+                        AlphaParams<R>::rules());
+        }
+    };
+
+    MicrofacetLobe<R> surface;
+
+    static Conductor prepare(const Params& p) {
+        return {{p.microfacet(), FresnelTerm<R>::conductor(p.eta.v, p.k.v)}};
+    }
+
+    std::uint8_t lobes() const { return surface.lobe(); }
+    BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const { return surface.eval(wo, wi); }
+    std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
+        return surface.sample(wo, u);
+    }
+};
+
+}  // namespace matiere

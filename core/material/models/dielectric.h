@@ -1,0 +1,176 @@
+// Interface between two clear media, smooth or rough, with an absorbing interior.
+// Smooth: exact Fresnel, Snell, total internal reflection. Rough: Walter et al. 2007 with visible
+// normals, reflection and transmission chosen per facet by F. Transmission carries 1 / eta^2, as
+// radiance does (camera paths).
+// Sources: Walter, Marschner, Li, Torrance 2007, eqs 16, 17, 21; Heitz 2014; Heitz et al. 2016
+// (transmission masking). Single scattering between facets: energy is lost at high alpha.
+// The relative index comes with the hit: the media that really meet there, by priority.
+#pragma once
+
+#include "material/alpha_params.h"
+#include "material/model.h"
+#include "optics/absorption.h"
+#include "optics/fresnel.h"
+
+namespace matiere {
+
+/// The medium inside an interface.
+template <class R>
+struct Interior {
+    R eta{R(1)};
+    Spectrum<R> sigma_a;  ///< [1/m]
+};
+
+template <class R>
+struct Dielectric {
+    static constexpr std::string_view kName = "dielectric";
+    static constexpr std::string_view kDoc = "Clear medium with absorption: glass, water, ice.";
+    static constexpr std::string_view kSource = "Walter et al. 2007; Heitz 2014; Beer-Lambert";
+    static constexpr std::uint32_t kFeatures = kFeatureReflection | kFeatureTransmission |
+                                               kFeatureInterior | kFeatureDelta |
+                                               kFeatureAnisotropic;
+
+    struct Params : AlphaParams<R> {
+        Value<R> eta, at_distance;
+        Value<Spectrum<R>> sigma_a, transmittance, attenuation_per_metre;
+
+        static constexpr auto table() {
+            return join(
+                std::array{
+                    scalar("eta", &Params::eta, "Index of refraction of the interior.")
+                        .above(0, 1000)
+                        .initially(1.5)
+                        .constant_only(),
+                    color("sigma_a", &Params::sigma_a, "Absorption coefficient of the interior.")
+                        .range(0, kUnlimited)
+                        .initially(0)
+                        .unit("1/m")
+                        .constant_only(),
+                    color("transmittance", &Params::transmittance,
+                          "Share of light left after at_distance.")
+                        .range(0, 1)
+                        .constant_only(),
+                    scalar("at_distance", &Params::at_distance,
+                           "Way after which transmittance is left.")
+                        .above(0, kUnlimited)
+                        .unit("m")
+                        .constant_only(),
+                    color("attenuation_per_metre", &Params::attenuation_per_metre,
+                          "Factor a of the law a^d: what light is multiplied by in each metre.")
+                        .range(0, 1)
+                        .unit("1/m")
+                        .constant_only()},
+                AlphaParams<R>::template rows<Params>(0.0));
+        }
+        static constexpr auto rules() {
+            return join(std::array{exclusive("sigma_a", "transmittance", "attenuation_per_metre"),
+                                   together("transmittance", "at_distance")},
+                        AlphaParams<R>::rules());
+        }
+        Spectrum<R> absorption() const {
+            if (transmittance.given)
+                return sigma_a_from_transmittance(transmittance.v, at_distance.v);
+            if (attenuation_per_metre.given)
+                return sigma_a_from_transmittance(attenuation_per_metre.v, R(1));
+            return sigma_a.v;
+        }
+    };
+
+    Microfacet<R> surface;
+    R eta{R(1.5)};  ///< relative: transmitted side over the side of wo
+    Interior<R> inside;
+
+    static Dielectric prepare(const Params& p) {
+        return {p.microfacet(), p.eta.v, {p.eta.v, p.absorption()}};
+    }
+
+    const Interior<R>& interior() const { return inside; }
+    Dielectric at_interface(R eta_rel) const {
+        Dielectric d = *this;
+        d.eta = eta_rel;
+        return d;
+    }
+
+    /// Smooth, or so near to equal indices that the density of refracted directions leaves float:
+    /// then transmission is a delta too (the largest density is D(0) times the Jacobian below).
+    bool is_delta() const {
+        if (surface.is_delta()) return true;
+        return sqr(e()) * double(surface.alpha_x) * double(surface.alpha_y) < kDeltaTransmission;
+    }
+
+    std::uint8_t lobes() const {
+        return std::uint8_t((is_delta() ? kSpecular : kGlossy) | kReflection | kTransmission);
+    }
+
+    BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
+        if (is_delta() || !(wo.z > R(0)) || wi.z == R(0)) return {};
+        return wi.z > R(0) ? eval_reflection(wo, wi) : eval_transmission(wo, wi);
+    }
+
+    std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
+        if (is_delta()) return sample_facet(wo, {R(0), R(0), R(1)}, u.x, true);
+        const auto facet = surface.sample_visible(wo, u);
+        return sample_facet(wo, facet.h, facet.u, false);
+    }
+
+ private:
+    /// Largest pdf that its square still fits into float, with room for grazing factors: 1e18.
+    static constexpr double kDeltaTransmission = 4.0 / (3.14159265358979 * 1e18);
+
+    double e() const { return (double(eta) - 1.0) * (double(eta) + 1.0); }
+
+    /// dw_h / dw_i of a refraction: |i.h| / (i.h + o.h / eta)^2, with the difference taken on paper.
+    R jacobian(R cos_o, R cos_t) const {
+        const double g = double(eta) * double(cos_t);
+        return R(double(cos_t) * sqr(double(eta) * (double(cos_o) + g) / e()));
+    }
+
+    BsdfEval<R> eval_reflection(Vec3<R> wo, Vec3<R> wi) const {
+        const Vec3<R> h = normalize(wo + wi);
+        const R oh = dot(wo, h);
+        const R F = fresnel_dielectric(oh, eta).reflectance;
+        const R D = surface.D(h);
+        const R f = R(0.25) * F * D * surface.reflection_visibility(wo, wi, h);
+        const R pdf = R(0.25) * F * D * surface.visible_over_D(wo, h) / oh;
+        return {Spectrum<R>(f), pdf};
+    }
+
+    BsdfEval<R> eval_transmission(Vec3<R> wo, Vec3<R> wi) const {
+        // In double: for indices near 1 the sum nearly vanishes.
+        const Vec3d sum = vec_cast<double>(wo) + vec_cast<double>(wi) * double(eta);
+        const Vec3d unit = normalize(eta > R(1) ? -sum : sum);
+        const Vec3<R> h = vec_cast<R>(unit);
+        const R oh = dot(wo, h);
+        if (!(h.z > R(0)) || !(oh > R(0)) || !(dot(wi, h) < R(0))) return {};
+        const FresnelTerms<R> F = fresnel_dielectric(oh, eta);
+        if (!(F.cos_theta_t > R(0))) return {};
+        const R pdf = F.transmittance * surface.D(h) * surface.visible_over_D(wo, h) *
+                      jacobian(oh, F.cos_theta_t);
+        const R weight = surface.transmission_weight(wo, wi, h) / (eta * eta);
+        return {Spectrum<R>(pdf * weight), pdf};
+    }
+
+    std::optional<BsdfSample<R>> sample_facet(Vec3<R> wo, Vec3<R> h, R u, bool smooth) const {
+        const R oh = dot(wo, h);
+        if (!(oh > R(0))) return {};
+        const FresnelTerms<R> F = fresnel_dielectric(oh, eta);
+        const std::uint8_t kind = smooth ? kSpecular : kGlossy;
+        const R D = smooth ? R(1) : surface.D(h) * surface.visible_over_D(wo, h);
+        if (u < F.reflectance) {
+            const Vec3<R> wi = smooth ? Vec3<R>{-wo.x, -wo.y, wo.z} : reflect(wo, h);
+            if (!(wi.z > R(0))) return {};
+            const R weight = smooth ? R(1) : surface.reflection_weight(wo, wi, h);
+            const R pdf = F.reflectance * D * (smooth ? R(1) : R(0.25) / oh);
+            return BsdfSample<R>{wi, Spectrum<R>(weight), pdf, std::uint8_t(kind | kReflection)};
+        }
+        if (!(F.cos_theta_t > R(0))) return {};
+        const Vec3<R> wi = normalize(h * (oh / eta - F.cos_theta_t) - wo * (R(1) / eta));
+        if (!(wi.z < R(0))) return {};
+        const R masking = smooth ? R(1) : surface.transmission_weight(wo, wi, h);
+        const R pdf = F.transmittance * D * (smooth ? R(1) : jacobian(oh, F.cos_theta_t));
+        return BsdfSample<R>{wi, Spectrum<R>(masking / (eta * eta)), pdf,
+                             std::uint8_t(kind | kTransmission), eta};
+    }
+};
+
+}  // namespace matiere

@@ -1,0 +1,118 @@
+#include "optics/albedo_builder.h"
+
+#include <array>
+#include <cmath>
+
+namespace matiere {
+namespace {
+
+template <int N>
+struct GaussLegendre {
+    std::array<double, N> x{}, w{};  ///< nodes in (0, 1), weights sum to 1
+
+    GaussLegendre() {
+        for (int i = 0; i < N; ++i) {
+            double t = std::cos(kPi<double> * (i + 0.75) / (N + 0.5));
+            double slope = 1.0;
+            for (int step = 0; step < 50; ++step) {
+                double p0 = 1.0, p1 = t;
+                for (int k = 2; k <= N; ++k) {
+                    const double p2 = ((2.0 * k - 1.0) * t * p1 - (k - 1.0) * p0) / k;
+                    p0 = p1;
+                    p1 = p2;
+                }
+                slope = N * (t * p1 - p0) / (t * t - 1.0);
+                const double move = p1 / slope;
+                t -= move;
+                if (std::abs(move) < 1e-15) break;
+            }
+            x[std::size_t(i)] = 0.5 * (1.0 - t);
+            w[std::size_t(i)] = 1.0 / ((1.0 - t * t) * slope * slope);
+        }
+    }
+};
+
+/// How the facets are visited: in proportion to what a viewer sees of a GGX surface of the same
+/// widths (no other distribution has heavier tails), or, for V-cavities, whose masking has kinks
+/// in azimuth that the visible normals of Smith do not follow, to D cos.
+struct FacetGrid {
+    const Microfacet<double>& surface;
+    Microfacet<double> ggx;
+    Vec3d wo;
+
+    FacetGrid(const Microfacet<double>& s, Vec3d o) : surface(s), ggx(s), wo(o) {
+        ggx.distribution = Distribution::kGgx;
+        ggx.masking = Masking::kSmith;
+    }
+
+    bool cavity() const { return surface.masking == Masking::kVCavity; }
+
+    Vec3d facet(double u1, double u2) const {
+        const Vec3d from = cavity() ? Vec3d{0.0, 0.0, 1.0} : wo;  // at the zenith: D cos
+        return ggx.sample_visible(from, {0.0, u1, u2}).h;
+    }
+
+    /// What the facet h reflects, over the density of visiting it.
+    Spectrumd value(Vec3d h, const FacetReflectance& reflectance) const {
+        const double oh = dot(wo, h);
+        if (!(oh > 0.0)) return {};
+        const Vec3d wi = reflect(wo, h);
+        if (!(wi.z > 0.0)) return {};
+        const double density = ggx.D(h) * (cavity() ? h.z : ggx.visible_over_D(wo, h));
+        const double reflected = surface.D(h) * surface.reflection_visibility(wo, wi, h) * oh;
+        return reflectance(oh) * (reflected / density);
+    }
+};
+
+}  // namespace
+
+Spectrumd directional_albedo(const Microfacet<double>& surface, Vec3d wo,
+                             const FacetReflectance& reflectance) {
+    if (surface.is_delta()) return reflectance(wo.z);
+    constexpr int kHeights = 48;
+    static const GaussLegendre<kHeights> nodes;
+    const FacetGrid grid(surface, wo);
+    const int azimuths = grid.cavity() ? 384 : 48;
+    Spectrumd sum;
+    for (int j = 0; j < azimuths; ++j)
+        for (std::size_t i = 0; i < kHeights; ++i) {
+            const Vec3d h = grid.facet((j + 0.5) / azimuths, nodes.x[i]);
+            sum += grid.value(h, reflectance) * nodes.w[i];
+        }
+    return sum * (1.0 / azimuths);
+}
+
+Spectrumd cosine_average(const FacetReflectance& f) {
+    // mu = t^2 gathers nodes at grazing, where Fresnel reflectance bends.
+    constexpr int kPanels = 32;
+    static const GaussLegendre<8> nodes;
+    Spectrumd sum;
+    for (int p = 0; p < kPanels; ++p)
+        for (std::size_t i = 0; i < 8; ++i) {
+            const double t = (p + nodes.x[i]) / kPanels;
+            sum += f(t * t) * (4.0 * t * t * t * nodes.w[i] / kPanels);
+        }
+    return sum;
+}
+
+AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows,
+                                    const FacetReflectance& reflectance) {
+    AlbedoTable<double> table;
+    table.average.resize(rows.size());
+    for (const AlbedoRow& row : rows)
+        for (int i = 0; i < AlbedoTable<double>::kNodes; ++i) {
+            // Grazing itself is a limit: taken just above it.
+            const double mu = std::max(AlbedoTable<double>::node_cosine(i), 1e-9);
+            const double s = std::sqrt((1.0 - mu) * (1.0 + mu));
+            const Vec3d wo{s * std::cos(row.azimuth), s * std::sin(row.azimuth), mu};
+            table.E.push_back(directional_albedo(row.surface, wo, reflectance));
+        }
+    for (int r = 0; r < table.rows(); ++r) {
+        const double t = table.rows() > 1 ? double(r) / (table.rows() - 1) : 0.0;
+        table.average[std::size_t(r)] =
+            cosine_average([&](double mu) { return table.lookup(mu, t); });
+    }
+    return table;
+}
+
+}  // namespace matiere
