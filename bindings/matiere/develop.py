@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from matiere.errors import ColourError
+from matiere.imageio import scene_linear
 from matiere.scene.checks import choose
 from matiere.scene.model import DEFAULT_CONFIG, DEFAULT_DISPLAY, DEFAULT_VIEW
 
@@ -60,20 +61,6 @@ def develop(
     if pixels.shape[2] == 4:
         bright = np.concatenate([bright, np.clip(pixels[:, :, 3:], 0.0, 1.0)], axis=2)
     return np.ascontiguousarray(bright, np.float32)
-
-
-def scene_linear(film: Film | NDArray[Any]) -> NDArray[np.float32]:
-    """Return a film or array as float32 (H, W, 3) or (H, W, 4); ValueError for other shapes."""
-    if isinstance(film, np.ndarray):
-        array = np.asarray(film, np.float32)
-    else:
-        array = np.asarray(film.mean, np.float32)
-        if film.transparent:
-            alpha = np.asarray(film.alpha, np.float32)[:, :, None]
-            array = np.concatenate([array, alpha], axis=2)
-    if array.ndim != 3 or array.shape[2] not in (3, 4):
-        raise ValueError(f"expected an image of shape (H, W, 3) or (H, W, 4), got {array.shape}")
-    return array
 
 
 def check_view(config: str, display: str, view: str, *, builtin_only: bool = False) -> None:

@@ -18,6 +18,8 @@ from matiere.errors import ImageError
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from matiere.film import Film
+
 Image = NDArray[np.float32]
 MAX_READ_PIXELS = 2**28
 _INTEGER_KINDS = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
@@ -186,10 +188,143 @@ def _describe(spec: Any, stored: Stored, suffix: str) -> None:
     elif suffix == ".exr":
         spec.attribute("compression", "zip")
         spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+    if suffix in (".jpg", ".jpeg"):  # JPEG has one free text and no named attributes
+        lines = [f"{key}={value}" for key, value in stored.metadata.items()]
+        spec.attribute("ImageDescription", "; ".join(lines))
+        return
     for key, value in stored.metadata.items():
-        spec.attribute(key, value)
+        if suffix == ".png":  # PNG keeps text only
+            spec.attribute(key, str(value))
+        else:
+            spec.attribute(key, value)
 
 
 def _reason(what: str, why: str) -> str:
     lines = [line.strip() for line in why.splitlines() if line.strip()]
     return f"{what}: {lines[0]}" if lines else what
+
+
+# Films and arrays -> files
+
+_DEPTHS = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
+_TYPES = {8: "uint8", 16: "uint16"}
+_FLOATS = {16: "half", 32: "float"}
+
+
+def write_image(
+    path: str | os.PathLike[str],
+    film: Film | NDArray[Any],
+    *,
+    view: str | None = None,
+    display: str | None = None,
+    config: str | os.PathLike[str] | None = None,
+    exposure: float = 0.0,
+    bit_depth: int | None = None,
+    metadata: Mapping[str, str | int | float] | None = None,
+) -> None:
+    """Write a film or an array as PNG, JPEG or EXR; the file appears whole or not at all.
+
+    PNG and JPEG show a film through an OpenColorIO view (the default one unless named); an array
+    is written as it is, clipped to [0, 1], unless `view`, `display` or `config` asks for one. EXR
+    is scene-linear and holds R, G, B (A) and, for a film, the channels `standard_error.R/G/B`;
+    with a view asked for it holds display values. `exposure` is in stops. `bit_depth`: PNG 8
+    (default) or 16, JPEG 8, EXR 32 (float, default) or 16 (half). `metadata` adds to what a film
+    says of itself (scene digest, spp, seconds, relMSE, versions, view).
+
+    Raises ImageError for an unknown file type, bit depth, or a failing write, and ColourError for
+    an unknown view.
+    """
+    suffix = Path(path).suffix.lower()
+    depth = _depth(suffix, bit_depth)
+    is_film = not isinstance(film, np.ndarray)
+    asked = view is not None or display is not None or config is not None
+    notes: dict[str, str | int | float] = film_metadata(film) if is_film else {}
+    if asked or (is_film and suffix != ".exr"):
+        shown = _shown(config, display, view, exposure)
+        pixels: NDArray[Any] = _develop(film, shown)
+        notes |= {f"matiere:{key}": value for key, value in shown.items()}
+    else:
+        pixels = scene_linear(film) * np.float32(2.0**exposure)
+    notes |= metadata or {}
+    names = ["R", "G", "B", "A"][: pixels.shape[2]]
+    if suffix != ".exr":
+        if suffix != ".png":
+            pixels, names = pixels[:, :, :3], names[:3]
+        write_stored(path, Stored(quantise(pixels, depth), names, notes), _TYPES[depth])
+        return
+    if is_film and not asked:
+        error = np.asarray(film.standard_error, np.float32) * np.float32(2.0**exposure)
+        pixels = np.concatenate([pixels, error], axis=2)
+        names += [f"standard_error.{c}" for c in "RGB"]
+    write_stored(path, Stored(pixels.astype(np.float32), names, notes), _FLOATS[depth])
+
+
+def _depth(suffix: str, bit_depth: int | None) -> int:
+    if suffix not in _DEPTHS:
+        raise ImageError(f"cannot write {suffix or 'a file without ending'}; use .png, .jpg or .exr")
+    allowed = _DEPTHS[suffix]
+    if bit_depth is None:
+        return allowed[0]
+    if bit_depth not in allowed:
+        words = " or ".join(map(str, sorted(allowed)))
+        raise ImageError(f"{suffix[1:]} files have {words} bits per channel, not {bit_depth}")
+    return bit_depth
+
+
+def _shown(
+    config: str | os.PathLike[str] | None, display: str | None, view: str | None, exposure: float
+) -> dict[str, str | float]:
+    from matiere.scene.model import DEFAULT_CONFIG, DEFAULT_DISPLAY, DEFAULT_VIEW
+
+    return {
+        "config": os.fspath(config or DEFAULT_CONFIG),
+        "display": display or DEFAULT_DISPLAY,
+        "view": view or DEFAULT_VIEW,
+        "exposure": exposure,
+    }
+
+
+def _develop(film: Any, shown: Mapping[str, Any]) -> Image:
+    from matiere.develop import develop
+
+    return develop(film, **shown)
+
+
+def scene_linear(film: Film | NDArray[Any]) -> Image:
+    """Return a film or array as float32 (H, W, 3) or (H, W, 4); ValueError for other shapes.
+
+    A film has a fourth channel, alpha, when it was rendered with a transparent background.
+    """
+    if isinstance(film, np.ndarray):
+        array = np.asarray(film, np.float32)
+    else:
+        array = np.asarray(film.mean, np.float32)
+        if film.transparent:
+            alpha = np.asarray(film.alpha, np.float32)[:, :, None]
+            array = np.concatenate([array, alpha], axis=2)
+    if array.ndim != 3 or array.shape[2] not in (3, 4):
+        raise ValueError(f"expected an image of shape (H, W, 3) or (H, W, 4), got {array.shape}")
+    return array
+
+
+def film_metadata(film: Any) -> dict[str, str | int | float]:
+    """Return what a film says of itself, as attributes of an image file (`matiere:...`)."""
+    report: Mapping[str, Any] = film.report
+    error = report.get("error") or {}
+    found = {
+        "scene": report.get("scene_digest"),
+        "film_key": report.get("film_key"),
+        "spp": film.spp,
+        "replicates": film.replicates,
+        "seconds": report.get("wall_s"),
+        "relmse": error.get("relmse"),
+        "relmse_lower": error.get("lower"),
+        "relmse_upper": error.get("upper"),
+        "reason": report.get("reason"),
+        **{key: str(value) for key, value in (report.get("versions") or {}).items()},
+    }
+    return {
+        f"matiere:{key}": value
+        for key, value in found.items()
+        if isinstance(value, str | int | float)
+    }

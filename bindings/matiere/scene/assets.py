@@ -14,6 +14,7 @@ import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import BinaryIO
 
 from matiere.errors import AssetChanged, Fault, SceneValidationError
 
@@ -56,13 +57,13 @@ class AssetRoot:
         try:
             real = Path(os.path.realpath(self.root / name, strict=True))
         except (FileNotFoundError, NotADirectoryError):
-            why = f"the file {name!r} does not exist under {str(self.root)!r}"
+            why = f"the file {name!r} does not exist in the asset root (usually the scene's folder)"
             raise SceneValidationError([Fault("", "asset_missing", why)]) from None
         except OSError as error:
             why = f"the file {name!r} cannot be opened: {error.strerror}"
             raise SceneValidationError([Fault("", "asset_unreadable", why)]) from None
         if not real.is_relative_to(self.root):
-            why = f"{name!r} is a link that leads out of the asset root {str(self.root)!r}"
+            why = f"{name!r} is a link that leads out of the asset root; put a copy there instead"
             raise SceneValidationError([Fault("", "asset_outside_root", why)])
         return real
 
@@ -142,5 +143,5 @@ def unsafe(name: str) -> str | None:
     return None
 
 
-def _open(path: Path):  # type: ignore[no-untyped-def]  # an unbuffered-or-not reader, by mode
+def _open(path: Path) -> BinaryIO:
     return os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW), "rb")

@@ -152,7 +152,7 @@ def _split_expected(text: str) -> list[str]:
 def unknown_key(name: str, known: Sequence[str], data: Any) -> PydanticCustomError:
     """Return the fault for a key that is none of `known`, with the one probably meant."""
     used = set(data) if isinstance(data, Mapping) else set()
-    near = closest(name, [k for k in known if k not in used] or known)
+    near = closest(name, [k for k in known if k not in used]) or closest(name, known)
     hint = f"did you mean {near!r}? " if near else ""
     return fault("unknown_key", f"unknown key {name!r}; {hint}known here: {', '.join(known)}", near)
 

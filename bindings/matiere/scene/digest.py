@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 # Stop rules and presentation: a longer, shorter or differently shown render is of the same film.
 _NOT_FILM = {"output": None, "render": ("spp", "seconds", "target_error")}
 # What of `_core.info()` tells one engine's samples from another's.
-_ENGINE = ("version", "embree", "isa", "compiler", "flags", "plan_version")
+_ENGINE = ("version", "embree", "isa", "compiler", "flags", "source_hash")
 
 
 def scene_digest(scene: Scene) -> str:

@@ -147,7 +147,9 @@ def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
             _collect(error, pointer("textures", name), work)
             continue
         work.spaces[name] = loaded.color_space
-        work.textures[name] = work.description.add_texture(loaded.pixels, texture.wrap)
+        work.textures[name] = work.description.add_texture(
+            loaded.pixels, texture.wrap, pointer=pointer("textures", name)
+        )
 
 
 def _check_scalar_textures(model: SceneModel, work: _Work) -> None:
@@ -256,7 +258,7 @@ def _add_mesh(mesh: PlacedMesh, at: str, work: _Work) -> None:
         None if mesh.normals is None else mesh.normals.astype(np.float32),
         None if mesh.uv is None else mesh.uv.astype(np.float32),
         work.materials[mesh.material],
-        at,
+        pointer=at,
     )
 
 
@@ -269,15 +271,22 @@ def _add_spheres(model: SceneModel, center: Vector, work: _Work) -> None:
             work.faults.append(Fault(pointer("shapes", index), "out_of_range", why))
             continue
         work.description.add_sphere(
-            _near(shape.center, center), shape.radius, work.materials[shape.material]
+            _near(shape.center, center),
+            shape.radius,
+            work.materials[shape.material],
+            pointer=pointer("shapes", index),
         )
 
 
 def _add_lights(model: SceneModel, center: Vector, work: _Work) -> None:
-    for light in model.lights:
+    for index, light in enumerate(model.lights):
         if isinstance(light, RectangleLight):
             work.description.add_rectangle_light(
-                _near(light.corner, center), light.edge_u, light.edge_v, light.radiance
+                _near(light.corner, center),
+                light.edge_u,
+                light.edge_v,
+                light.radiance,
+                pointer=pointer("lights", index),
             )
         elif isinstance(light, PointLight):
             work.description.add_point_light(_near(light.position, center), light.intensity)

@@ -53,9 +53,9 @@ class MaterialModel(Node):
     )
 
     def params(self) -> dict[str, Any]:
-        """Return the model's own parameters that have a value: given, or the default."""
+        """Return the model's own parameters that were given; the core fills in the others."""
         own = (name for name in type(self).model_fields if name not in COMMON)
-        return {name: value for name in own if (value := getattr(self, name)) is not None}
+        return {name: getattr(self, name) for name in own if name in self.model_fields_set}
 
     def textures(self) -> dict[str, str]:
         """Return parameter name -> texture name for the parameters that are textures."""
@@ -257,7 +257,7 @@ def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
     }
     name = "".join(word.capitalize() for word in kind.split("_")) + "Material"
     made = create_model(name, __base__=MaterialModel, __doc__=row["doc"], **fields)
-    made.problems = problems  # type: ignore[method-assign]
+    made.problems = problems  # type: ignore[method-assign, assignment]
     return made
 
 
@@ -280,5 +280,5 @@ def check_material(value: Any) -> MaterialModel:
 
 
 Material = Annotated[
-    MaterialModel, PlainValidator(_material), WithJsonSchema({"$ref": "#/$defs/Material"})
+    MaterialModel, PlainValidator(_material), WithJsonSchema({"type": "object"})
 ]

@@ -61,7 +61,7 @@ def _part(raw: Mapping[str, Any], names: tuple[str, ...], material: str | None) 
     if triangles.ndim == 2 and triangles.shape[1] == 4:
         triangles = np.concatenate([triangles[:, [0, 1, 2]], triangles[:, [0, 2, 3]]])
     triangles = triangles.reshape(-1, 3).astype(np.int64)
-    if len(triangles) and not (0 <= triangles.min() and triangles.max() < len(positions)):
+    if len(triangles) and not (triangles.min() >= 0 and triangles.max() < len(positions)):
         raise MeshFileError("a triangle refers to a vertex that does not exist")
     if not np.isfinite(positions[np.unique(triangles)]).all():
         raise MeshFileError("a vertex position is NaN or infinite")
@@ -139,14 +139,14 @@ def _read_glb(data: bytes) -> Iterator[Part]:
     from trimesh.exchange.gltf import load_glb
     from trimesh.scene.transforms import SceneGraph
 
+    from matiere.scene.transform import apply_normals, apply_points, mirrors
+
     header, rest = _glb_header(data)
     parts = _one_mesh_per_primitive(header)
     raw = load_glb(io.BytesIO(_glb_bytes(header, rest)), resolver=None)
     graph = SceneGraph(base_frame=raw["base_frame"])
     for edge in raw["graph"]:
-        graph.update(**edge)
-    from matiere.scene.transform import apply_normals, apply_points, mirrors
-
+        graph.update(**edge)  # type: ignore[no-untyped-call]
     for node in graph.nodes_geometry:
         matrix, key = graph[node]
         names, material = parts[str(node)]
@@ -180,7 +180,10 @@ def _glb_bytes(header: Mapping[str, Any], rest: bytes) -> bytes:
     return struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A) + text + rest
 
 
-def _one_mesh_per_primitive(header: dict[str, Any]) -> dict[str, tuple[tuple[str, ...], str | None]]:
+Labels = dict[str, tuple[tuple[str, ...], str | None]]  # a node -> its names, its material
+
+
+def _one_mesh_per_primitive(header: dict[str, Any]) -> Labels:
     """Rewrite a glTF header so that every node with geometry has one primitive and a unique name.
 
     Returns that name -> the names the part goes by (node, mesh), and its material's name.
@@ -190,7 +193,8 @@ def _one_mesh_per_primitive(header: dict[str, Any]) -> dict[str, tuple[tuple[str
         header.pop(key, None)
     nodes, meshes = header.get("nodes", []), header.get("meshes", [])
     header["materials"] = [{"name": "any"}]
-    header["meshes"], parts = [], {}
+    header["meshes"] = []
+    parts: Labels = {}
     for index, node in enumerate(list(nodes)):
         own = _called(node, "node", index)
         node["name"] = f"n{index}"

@@ -28,7 +28,7 @@ class Scene:
         self._root = assets
         self._lock = threading.Lock()
         self._built: _core.Scene | None = None
-        self._flattened: Flattened | None = None
+        self._notes: tuple[dict[str, Any], ...] = ()
 
     def __repr__(self) -> str:
         film = self.model.film
@@ -71,13 +71,21 @@ class Scene:
             raise AssetChanged(changed)
 
     def flatten(self) -> Flattened:
-        """Return the core's description of the scene, reading its files; kept once made."""
+        """Return the core's description of the scene, reading its files; not kept."""
+        with self._lock:
+            return self._flatten()
+
+    @property
+    def notes(self) -> tuple[dict[str, Any], ...]:
+        """What was put right while reading the files: `pointer`, `code`, `message`, `count`."""
+        return self._notes
+
+    def _flatten(self) -> Flattened:
         from matiere.scene.flatten import flatten
 
-        with self._lock:
-            if self._flattened is None:
-                self._flattened = flatten(self.model, self._root)
-            return self._flattened
+        flattened = flatten(self.model, self._root)
+        self._notes = flattened.notes
+        return flattened
 
     def build(self, threads: int = 0) -> _core.Scene:
         """Return the core's scene (acceleration structure, light tables); kept once built.
@@ -87,9 +95,9 @@ class Scene:
         """
         from matiere import _core
 
-        description = self.flatten().description
         with self._lock:
             if self._built is None:
+                description = self._flatten().description
                 try:
                     self._built = _core.Scene(description, threads)
                 except _core.SceneError as error:
@@ -109,8 +117,9 @@ class Scene:
         return json.dumps(self.to_dict(), indent=indent, allow_nan=False) + "\n"
 
     def _document(self) -> Mapping[str, Any]:
+        shapes = self.model.shapes
         names: dict[str, Any] = {
-            "shapes": [{"type": s.type, "file": getattr(s, "file", None)} for s in self.model.shapes],
+            "shapes": [{"type": s.type, "file": getattr(s, "file", None)} for s in shapes],
             "textures": {key: {"file": t.file} for key, t in self.model.textures.items()},
         }
         if self.model.environment is not None:

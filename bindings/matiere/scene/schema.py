@@ -26,6 +26,7 @@ def schema() -> dict[str, Any]:
         "oneOf": [{"$ref": reference} for _, reference in names],
         "discriminator": {"propertyName": "type", "mapping": dict(names)},
     }
+    made["properties"]["materials"]["additionalProperties"] = {"$ref": "#/$defs/Material"}
     made["$defs"] = dict(sorted(definitions.items()))
     return {"$schema": DIALECT, "title": "matiere scene, version 1", **made}
 

@@ -1,0 +1,14 @@
+"""The subcommands of `matiere`: name -> (module:function in this package, one line of help).
+
+A module is imported only when its command is asked for.
+"""
+
+COMMANDS: dict[str, tuple[str, str]] = {
+    "render": ("render:render", "Render a scene to PNG, JPEG or EXR, with its error."),
+    "sweep": ("sweep:sweep", "Render every variant of a sweep and a contact sheet."),
+    "serve": ("serve:serve", "Serve the HTTP API: take jobs and sweeps, render them."),
+    "submit": ("submit:submit", "Send a scene to a running service and fetch the image."),
+    "schema": ("schema:schema", "Print the JSON Schema of scenes."),
+    "info": ("info:info", "Print versions, Embree, instruction set and threads."),
+    "config": ("config:config", "Print every setting and where its value came from."),
+}

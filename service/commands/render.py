@@ -1,0 +1,255 @@
+"""`matiere render`: one scene, here and now, without any store."""
+
+from __future__ import annotations
+
+import json
+import os
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from matiere import Film, Scene
+
+Progress = Mapping[str, Any]
+
+
+def render(
+    scene: Annotated[Path, typer.Argument(help="Scene (JSON).", show_default=False)],
+    output: Annotated[
+        list[Path] | None,
+        typer.Option(
+            "--output", "-o", help="Image to write: .png, .jpg or .exr; may be given again."
+        ),
+    ] = None,
+    report: Annotated[
+        Path | None, typer.Option(help="Write the report (error against time) as JSON.")
+    ] = None,
+    film: Annotated[
+        Path | None, typer.Option(help="Save the film, to continue or merge it later.")
+    ] = None,
+    resume: Annotated[Path | None, typer.Option(help="Continue this saved film.")] = None,
+    spp: Annotated[
+        int | None, typer.Option(min=1, help="Samples per pixel (rounded up to whole passes).")
+    ] = None,
+    seconds: Annotated[float | None, typer.Option(help="Stop after this time.")] = None,
+    target_error: Annotated[float | None, typer.Option(help="Stop at this relMSE.")] = None,
+    threads: Annotated[
+        int, typer.Option(min=0, help="Render threads; 0: one per usable core.")
+    ] = 0,
+    seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.")] = None,
+    view: Annotated[str | None, typer.Option(help="OpenColorIO view.")] = None,
+    display: Annotated[str | None, typer.Option(help="OpenColorIO display.")] = None,
+    exposure: Annotated[float | None, typer.Option(help="Exposure in stops.")] = None,
+    asset_root: Annotated[
+        Path | None, typer.Option(help="Folder of the scene's files (default: its own).")
+    ] = None,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
+) -> None:
+    """Render a scene and write it with its error bar.
+
+    Stops at whichever comes first of --spp, --seconds and --target-error (or what the scene says).
+    Example: matiere render scene.json -o out.png --seconds 30
+    """
+    import matiere as mt
+
+    with _worded(scene):
+        loaded = mt.load(scene, asset_root=asset_root)
+        shown = _view(loaded, view, display, exposure)
+        files = _outputs(loaded, scene, output, (film, report))
+        stop = _stop(loaded, spp, seconds, target_error)
+        old = mt.load_film(resume) if resume is not None else None
+        with _progress(quiet) as callback:
+            done = mt.render(
+                loaded, **stop, seed=seed, threads=threads, film=old, callback=callback
+            )
+        for path in files:
+            _write(path, done, loaded, shown)
+        if film is not None:
+            done.save(film)
+        if report is not None:
+            _write_text(report, json.dumps(done.report, indent=1) + "\n")
+    if not quiet:
+        _summary(done, loaded, [*files, *(p for p in (film, report) if p is not None)])
+
+
+@contextmanager
+def _worded(scene: Path) -> Iterator[None]:
+    """Print errors as `scene.json: /pointer: what to do` and end with code 2."""
+    from matiere.errors import MatiereError, SceneValidationError
+
+    try:
+        yield
+    except SceneValidationError as error:
+        for fault in error.faults:
+            place = f"{scene}: {fault.pointer}" if fault.pointer else f"{scene}"
+            typer.echo(f"{place}: {fault.message}", err=True)
+        raise typer.Exit(2) from None
+    except MatiereError as error:
+        place = f"{scene}: {error.pointer}: " if error.pointer else ""
+        typer.echo(f"{place}{error.message}", err=True)
+        raise typer.Exit(2) from None
+    except KeyboardInterrupt:
+        typer.echo("interrupted; nothing was written", err=True)
+        raise typer.Exit(130) from None
+
+
+def _stop(
+    loaded: Scene, spp: int | None, seconds: float | None, target_error: float | None
+) -> dict[str, Any]:
+    """Return the stop rule: the flags if there are any, else what the scene says."""
+    settings = loaded.model.render
+    if spp is None and seconds is None and target_error is None:
+        target = settings.target_error
+        relmse = None if target is None else target.relmse
+        spp, seconds, target_error = settings.spp, settings.seconds, relmse
+    target_dict = None if target_error is None else {"relmse": target_error}
+    return {"spp": spp, "seconds": seconds, "target_error": target_dict}
+
+
+def _view(
+    loaded: Scene, view: str | None, display: str | None, exposure: float | None
+) -> dict[str, Any]:
+    """Return config, display, view and exposure; unknown names fail before the render."""
+    from matiere.develop import check_view
+
+    output = loaded.model.output
+    shown = {
+        "config": output.config,
+        "display": display or output.display,
+        "view": view or output.view,
+    }
+    if view is not None or display is not None:
+        check_view(**shown)
+    return {**shown, "exposure": output.exposure if exposure is None else exposure}
+
+
+def _outputs(
+    loaded: Scene, scene: Path, output: list[Path] | None, others: tuple[Path | None, ...]
+) -> list[Path]:
+    """Return the images to write, after checking that they can be written."""
+    from matiere.errors import ImageError
+
+    files = output or [scene.parent / name for name in loaded.model.output.files]
+    if not files and not any(others):
+        raise ImageError('say where to write: -o out.png, or "output": {"files": [...]} in the scene')
+    for path in files:
+        if path.suffix.lower() not in (".png", ".jpg", ".jpeg", ".exr"):
+            raise ImageError(f"cannot write {str(path)!r}; use .png, .jpg or .exr")
+    for place in [*files, *(p for p in others if p is not None)]:
+        folder = place.parent
+        if not folder.is_dir():
+            raise ImageError(f"the folder of {str(place)!r} does not exist; make it first")
+        if place.is_dir() or not os.access(folder, os.W_OK):
+            raise ImageError(f"{str(place)!r} cannot be written")
+    return list(files)
+
+
+def _write(path: Path, done: Film, loaded: Scene, shown: Mapping[str, Any]) -> None:
+    from matiere.imageio import write_image
+
+    depth = loaded.model.output.bit_depth
+    suffix = path.suffix.lower()
+    if suffix == ".exr":  # scene-linear: neither view nor exposure
+        write_image(path, done, bit_depth=depth.exr)
+    else:
+        write_image(path, done, **shown, bit_depth=depth.png if suffix == ".png" else 8)
+
+
+def _write_text(path: Path, text: str) -> None:
+    from matiere.imageio import atomic_file
+
+    with atomic_file(path) as temporary:
+        temporary.write_text(text, encoding="utf-8")
+
+
+# What the user sees
+
+
+def _error_text(error: Mapping[str, Any] | None) -> str:
+    if not error or error.get("relmse") is None:
+        return "relMSE unknown"
+    lower, upper = error.get("lower"), error.get("upper")
+    interval = "" if lower is None or upper is None else f" [{lower:.2g}, {upper:.2g}]"
+    return f"relMSE {error['relmse']:.2g}{interval}"
+
+
+def _left_text(seconds: float | None) -> str:
+    if seconds is None:
+        return "time left unknown"
+    if seconds < 90:
+        return f"{seconds:.0f} s left"
+    if seconds < 5400:
+        return f"{seconds / 60:.0f} min left"
+    return f"{seconds / 3600:.1f} h left"
+
+
+def _share(progress: Progress) -> float:
+    """Return the part of the time that has passed; of the samples while that is unknown."""
+    left, elapsed = progress.get("seconds_left"), progress["elapsed_s"]
+    if left is not None and elapsed + left > 0:
+        return float(elapsed / (elapsed + left))
+    limit = progress.get("spp_limit") or 0
+    return float(progress["spp"] / limit) if limit else 0.0
+
+
+@contextmanager
+def _progress(quiet: bool) -> Iterator[Callable[[Progress], None] | None]:
+    """Give the callback that draws the bar (on a terminal) or prints a line now and then."""
+    if quiet:
+        yield None
+        return
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if not console.is_terminal:
+        yield _line_printer()
+        return
+    from rich.progress import BarColumn, TextColumn
+    from rich.progress import Progress as Bar
+
+    columns = (BarColumn(), TextColumn("{task.description}"))
+    with Bar(*columns, console=console, transient=True) as bar:
+        task = bar.add_task("building the scene", total=1.0)
+
+        def draw(progress: Progress) -> None:
+            text = (
+                f"{progress['spp']} spp, {_error_text(progress.get('error'))}, "
+                f"{_left_text(progress.get('seconds_left'))}"
+            )
+            bar.update(task, completed=_share(progress), description=text)
+
+        yield draw
+
+
+def _line_printer() -> Callable[[Progress], None]:
+    """Return a callback for logs: a line at 1 s, 2 s, 4 s, ..."""
+    started = time.monotonic()
+    due = 1.0
+
+    def show(progress: Progress) -> None:
+        nonlocal due
+        elapsed = time.monotonic() - started
+        if elapsed >= due:
+            due = max(due * 2, elapsed)
+            error = _error_text(progress.get("error"))
+            left = _left_text(progress.get("seconds_left"))
+            typer.echo(f"{elapsed:.0f} s: {progress['spp']} spp, {error}, {left}", err=True)
+
+    return show
+
+
+def _summary(done: Film, loaded: Scene, files: list[Path]) -> None:
+    report = done.report
+    for note in loaded.notes:
+        typer.echo(f"note: {note['pointer']}: {note['message']}", err=True)
+    typer.echo(
+        f"{done.spp} spp in {report.get('wall_s', 0.0):.1f} s, {_error_text(report.get('error'))}; "
+        f"stopped by {report.get('reason', 'spp')}"
+    )
+    for path in files:
+        typer.echo(f"wrote {path}")
