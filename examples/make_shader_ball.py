@@ -249,6 +249,21 @@ def stage(
     ]
 
 
+def floor(half_width: float = 2.5, tile: float = 0.5) -> list[Part]:
+    """Return Ground and Tile: a flat square floor in two colours, so that the light is seen."""
+    count = 2 * int(np.ceil(half_width / tile))
+    x = np.linspace(-half_width, half_width, count + 1)
+    flat = np.zeros((count + 1, count + 1, 1))
+    positions = np.stack(np.broadcast_arrays(x[None, :], 0.0, -x[:, None]), axis=2)
+    normals = np.concatenate([flat, flat + 1.0, flat], axis=2)
+    dark = (np.arange(count)[:, None] + np.arange(count)[None, :]) % 2 == 1
+    grids = (positions.reshape(-1, 3), normals.reshape(-1, 3), positions[..., ::2].reshape(-1, 2))
+    return [
+        used_only(name, *grids, square_triangles(mask))
+        for name, mask in (("Ground", ~dark), ("Tile", dark))
+    ]
+
+
 def square_triangles(mask: npt.NDArray[np.bool_]) -> Triangles:
     """Triangulate the chosen cells of a grid (rows go away from the viewer, columns to +x)."""
     columns = mask.shape[1]
