@@ -29,6 +29,11 @@ def main(argv: Sequence[str] | None = None) -> None:
     except MatiereError as error:
         complain(str(error))
         sys.exit(2)
+    except ModuleNotFoundError as error:
+        if (error.name or "matiere").startswith("matiere"):
+            raise
+        complain(f"{EXTRA_HINT} ({error.name} is missing)")
+        sys.exit(1)
     except KeyboardInterrupt:
         complain("interrupted")
         sys.exit(130)

@@ -75,15 +75,15 @@ def loads(body: bytes) -> Any:
         value = float(token)
         if math.isfinite(value):
             return value
-        return refuse("number_out_of_range", f"{token[:40]} is larger than any 64-bit float")
+        return refuse("not_finite", f"{token[:40]} is larger than any 64-bit float")
 
     def on_integer(token: str) -> int | _Refused:
         if len(token) <= MAX_INTEGER_DIGITS:
             return int(token)
-        return refuse("number_out_of_range", f"{token[:40]}... has more than 20 digits")
+        return refuse("out_of_range", f"{token[:40]}... has more than 20 digits")
 
     def on_constant(token: str) -> _Refused:
-        return refuse("number_not_finite", f"{token} is not JSON; numbers must be finite")
+        return refuse("not_finite", f"{token} is not JSON; numbers must be finite")
 
     def on_object(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
         nonlocal suspicious

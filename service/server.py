@@ -19,7 +19,7 @@ import socket
 import tempfile
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import FrameType
 
@@ -29,6 +29,7 @@ from fastapi import FastAPI
 
 from matiere.errors import MatiereError
 from matiere.service.lockfile import read_announcement
+from matiere.service.settings import Settings
 
 LOG_BYTES, LOG_FILES = 10 * 2**20, 5
 LISTEN_BACKLOG = 512
@@ -224,3 +225,52 @@ def refuse_second(data: Path, busy: PortBusy, port: int) -> ServeError:
             f"talk to that one, or stop it with `kill {other.pid}`"
         )
     return busy
+
+
+def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -> None:
+    """Serve until a signal comes; `announce` is given (name, value) lines once all runs.
+
+    Raises `ServeError`, `DataDirLocked` or `StoreError` when it cannot start.
+    """
+    from matiere.jobs.engine import open_engine
+    from matiere.service.app import create_app
+
+    try:
+        sock = bind(settings.host, settings.port)
+    except PortBusy as busy:
+        raise refuse_second(settings.data, busy, settings.port) from None
+    url = url_of(sock)
+    with contextlib.ExitStack() as stack:
+        stack.callback(sock.close)
+        settings.data.mkdir(mode=0o700, parents=True, exist_ok=True)
+        engine = stack.enter_context(
+            open_engine(
+                settings.data,
+                children=settings.children,
+                threads_per_child=settings.threads_per_child,
+                database_url=settings.database_url,
+                min_free_bytes=settings.min_free_bytes,
+            )
+        )
+        log_path = open_log(settings.data, settings.log_level)
+        server = stack.enter_context(BackgroundServer(create_app(engine, settings), sock))
+        engine.announce(url)
+        log.info("serving %s from %s", url, settings.data)
+        announce(
+            [
+                ("url", url),
+                ("data directory", str(settings.data)),
+                ("log", str(log_path)),
+                (
+                    "children",
+                    f"{engine.children} processes x {engine.threads_per_child} "
+                    + ("thread" if engine.threads_per_child == 1 else "threads"),
+                ),
+            ]
+        )
+        name = wait_for_signal(server)
+        announce([(name, "finishing the running chunks; send it again to stop at once")])
+        log.info("%s: draining", name)
+        finished = engine.drain(settings.drain_timeout_s)
+        log.info("drained" if finished else "drain time is up; unfinished chunks start again later")
+    announce([("stopped", "accepted jobs are kept and go on at the next start")])

@@ -124,7 +124,7 @@ def _view(
         "view": view or output.view,
     }
     if view is not None or display is not None:
-        check_view(**shown)
+        check_view(shown["config"], shown["display"], shown["view"])
     return {**shown, "exposure": output.exposure if exposure is None else exposure}
 
 
@@ -136,7 +136,9 @@ def _outputs(
 
     files = output or [scene.parent / name for name in loaded.model.output.files]
     if not files and not any(others):
-        raise ImageError('say where to write: -o out.png, or "output": {"files": [...]} in the scene')
+        raise ImageError(
+            'say where to write: -o out.png, or "output": {"files": [...]} in the scene'
+        )
     for path in files:
         if path.suffix.lower() not in (".png", ".jpg", ".jpeg", ".exr"):
             raise ImageError(f"cannot write {str(path)!r}; use .png, .jpg or .exr")

@@ -1,0 +1,459 @@
+"""A small typed client of the HTTP API, used by `matiere submit`, `matiere sweep` and the demo.
+
+    with Client("http://127.0.0.1:8470") as client:
+        job = client.submit("scene.json", stop={"spp": 64})
+        job = client.wait(job.id)
+        client.fetch(job.id, "image.png", "out.png")
+
+Every submission carries an Idempotency-Key, so that a request whose answer was lost on the way is
+sent again without making a second job. Lost connections and 503 are retried for `patience_s`
+seconds, so that a client outlives a restart of the service.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import time
+import uuid
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import httpx
+from pydantic import BaseModel, ConfigDict, Field
+
+from matiere.errors import MatiereError
+
+DEFAULT_URL = "http://127.0.0.1:8470"
+ENDED = frozenset({"succeeded", "failed", "cancelled", "expired"})
+POLL_S = (0.05, 1.0)  # first and longest pause between two looks at a job
+PIECE = 2**20
+
+_RETRIED = (httpx.ConnectError, httpx.ReadError, httpx.WriteError, httpx.RemoteProtocolError)
+_URL_OF_KIND = {"report.json": "report", "error.svg": "error-plot.svg"}
+
+
+class ServiceError(MatiereError):
+    """The service refused a request; `errors` holds a pointer and a message for each bad value."""
+
+    default_code = "service_error"
+
+    def __init__(self, problem: Mapping[str, Any], status: int) -> None:
+        """Keep the problem document `problem`."""
+        errors = [dict(item) for item in problem.get("errors") or []]
+        for item in errors:  # as seen from the scene file, not from the request around it
+            at = str(item.get("pointer", ""))
+            prefix = next((p for p in ("/scene", "/base") if at == p or at.startswith(p + "/")), "")
+            item["pointer"] = at.removeprefix(prefix)
+        lines = [f"{e['pointer']}: {e['message']}".removeprefix(": ") for e in errors]
+        detail = str(problem.get("detail") or f"HTTP status {status}")
+        message = "\n".join(lines) or f"{detail} {problem.get('remedy') or ''}".strip()
+        super().__init__(message, code=str(problem.get("code") or self.default_code))
+        self.status, self.errors, self.problem = status, errors, dict(problem)
+        self.remedy = str(problem.get("remedy") or "")
+
+
+class Unreachable(MatiereError):
+    """No service answers at the URL."""
+
+    default_code = "unreachable"
+
+
+class _View(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="ignore")  # a newer service may say more
+
+
+class JobStatus(_View):
+    """A job as the service last described it."""
+
+    id: str
+    state: str
+    label: str = ""
+    width: int
+    height: int
+    cached: bool = False
+    spp: int
+    stop: dict[str, Any] = Field(default_factory=dict)
+    progress: float
+    seconds: float
+    relmse: float | None = None
+    relmse_interval: tuple[float, float] | None = None
+    stop_reason: str | None = None
+    error: dict[str, Any] | None = None
+    cell: int | None = None
+    parameters: dict[str, Any] = Field(default_factory=dict)
+    links: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def ended(self) -> bool:
+        """Tell whether nothing more will happen."""
+        return self.state in ENDED
+
+
+class SweepStatus(_View):
+    """A sweep as the service last described it."""
+
+    id: str
+    state: str
+    label: str = ""
+    axes: list[dict[str, Any]]
+    cells: int
+    counts: dict[str, int]
+    columns: int
+    links: dict[str, str] = Field(default_factory=dict)
+
+    @property
+    def ended(self) -> bool:
+        """Tell whether every cell has ended."""
+        return sum(n for state, n in self.counts.items() if state in ENDED) == self.cells
+
+
+class Client:
+    """Talks to one service; close it, or use it in a `with` block."""
+
+    def __init__(
+        self,
+        url: str = DEFAULT_URL,
+        *,
+        socket_path: str | None = None,
+        timeout_s: float = 30.0,
+        patience_s: float = 30.0,
+    ) -> None:
+        """Connect to `url`, or through a Unix socket when `socket_path` is given."""
+        transport = httpx.HTTPTransport(uds=socket_path) if socket_path else None
+        self.url = url.rstrip("/")
+        self.patience_s = patience_s
+        self._reached = False  # a service that was there may be restarting; one that never was, no
+        self._http = httpx.Client(
+            base_url=self.url, timeout=timeout_s, transport=transport, trust_env=False
+        )
+
+    def __enter__(self) -> Client:
+        """Return self."""
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        """Close the connections."""
+        self.close()
+
+    def close(self) -> None:
+        """Close the connections."""
+        self._http.close()
+
+    # -- jobs ---------------------------------------------------------------------------------
+    def submit(
+        self,
+        scene: str | os.PathLike[str] | Mapping[str, Any],
+        *,
+        stop: Mapping[str, Any] | None = None,
+        priority: int | None = None,
+        label: str = "",
+        asset_root: str | os.PathLike[str] | None = None,
+        idempotency_key: str | None = None,
+        on_upload: Callable[[str, int, int], None] | None = None,
+    ) -> JobStatus:
+        """Submit a scene file or dict, uploading the files that the service lacks.
+
+        Files are looked up in the scene's folder, or in `asset_root`; names not found there are
+        left to the service. `on_upload(name, bytes_sent, bytes_all)` reports progress.
+        Raises `ServiceError`, `Unreachable`, and `SceneValidationError` for a file that is no JSON.
+        """
+        document, root = _read(scene, asset_root)
+        body: dict[str, Any] = {"scene": document, "label": label}
+        answer = self._submit(
+            "/v1/jobs", body, document, root, stop, priority, idempotency_key, on_upload
+        )
+        return JobStatus.model_validate(answer)
+
+    def submit_sweep(
+        self,
+        base: str | os.PathLike[str] | Mapping[str, Any],
+        axes: Sequence[Mapping[str, Any]],
+        *,
+        mode: str = "grid",
+        columns: int | None = None,
+        stop: Mapping[str, Any] | None = None,
+        priority: int | None = None,
+        label: str = "",
+        asset_root: str | os.PathLike[str] | None = None,
+        idempotency_key: str | None = None,
+        on_upload: Callable[[str, int, int], None] | None = None,
+    ) -> SweepStatus:
+        """Submit a sweep: a base scene and its axes; otherwise like `submit`."""
+        document, root = _read(base, asset_root)
+        body: dict[str, Any] = {
+            "base": document,
+            "axes": [dict(axis) for axis in axes],
+            "mode": mode,
+            "columns": columns,
+            "label": label,
+        }
+        answer = self._submit(
+            "/v1/sweeps", body, document, root, stop, priority, idempotency_key, on_upload
+        )
+        return SweepStatus.model_validate(answer)
+
+    def _submit(
+        self,
+        path: str,
+        body: dict[str, Any],
+        document: Mapping[str, Any],
+        root: Path,
+        stop: Mapping[str, Any] | None,
+        priority: int | None,
+        key: str | None,
+        on_upload: Callable[[str, int, int], None] | None,
+    ) -> Any:
+        files = local_files(document, root)
+        for axis in body.get("axes", ()):
+            files |= _files_of_axis(axis, root)
+        body["assets"] = {name: digest for name, (digest, _) in files.items()}
+        if stop:
+            body["stop"] = dict(stop)
+        if priority is not None:
+            body["priority"] = priority
+        headers = {"Idempotency-Key": key or uuid.uuid4().hex}
+        for _ in range(3):  # another client may remove what we uploaded a moment ago
+            try:
+                return self._request("POST", path, json=body, headers=headers).json()
+            except ServiceError as error:
+                missing = [str(item["name"]) for item in error.problem.get("missing", [])]
+                if error.code != "asset_missing" or not set(missing) & set(files):
+                    raise
+                for name in missing:
+                    self.upload(files[name][1], files[name][0], name=name, on_upload=on_upload)
+        raise ServiceError({"code": "asset_missing", "detail": "uploads do not stay"}, 422)
+
+    def upload(
+        self,
+        path: str | os.PathLike[str],
+        digest: str | None = None,
+        *,
+        name: str | None = None,
+        on_upload: Callable[[str, int, int], None] | None = None,
+    ) -> str:
+        """Upload one file and return its SHA-256."""
+        path = Path(path)
+        digest = digest or file_digest(path)
+        size = path.stat().st_size
+
+        def pieces() -> Iterator[bytes]:
+            sent = 0
+            with path.open("rb") as file:
+                while piece := file.read(PIECE):
+                    yield piece
+                    sent += len(piece)
+                    if on_upload is not None:
+                        on_upload(name or path.name, sent, size)
+
+        headers = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
+        self._request("PUT", f"/v1/assets/{digest}", pieces=pieces, headers=headers)
+        return digest
+
+    def job(self, job_id: str) -> JobStatus:
+        """Return a job."""
+        return JobStatus.model_validate(self._request("GET", f"/v1/jobs/{job_id}").json())
+
+    def jobs(
+        self, *, state: str | None = None, sweep: str | None = None, page: int = 500
+    ) -> Iterator[JobStatus]:
+        """Yield jobs, newest first; the cells of `sweep` in order."""
+        params = {"limit": str(page)}
+        params |= {k: v for k, v in (("state", state), ("sweep", sweep)) if v is not None}
+        while True:
+            answer = self._request("GET", "/v1/jobs", params=params).json()
+            for job in answer["jobs"]:
+                yield JobStatus.model_validate(job)
+            if answer["next_cursor"] is None:
+                return
+            params["cursor"] = answer["next_cursor"]
+
+    def cancel(self, job_id: str) -> JobStatus:
+        """Cancel a job."""
+        return JobStatus.model_validate(self._request("POST", f"/v1/jobs/{job_id}:cancel").json())
+
+    def wait(
+        self,
+        job_id: str,
+        *,
+        timeout_s: float | None = None,
+        on_change: Callable[[JobStatus], None] | None = None,
+    ) -> JobStatus:
+        """Return the job once it has ended; raise TimeoutError when the time is up."""
+        for pause in _pauses(timeout_s):
+            job = self.job(job_id)
+            if on_change is not None:
+                on_change(job)
+            if job.ended:
+                return job
+            time.sleep(pause)
+        raise TimeoutError(f"job {job_id} did not end within {timeout_s:g} s")
+
+    # -- sweeps -------------------------------------------------------------------------------
+    def sweep(self, sweep_id: str) -> SweepStatus:
+        """Return a sweep."""
+        return SweepStatus.model_validate(self._request("GET", f"/v1/sweeps/{sweep_id}").json())
+
+    def cancel_sweep(self, sweep_id: str) -> SweepStatus:
+        """Cancel every live cell of a sweep."""
+        answer = self._request("POST", f"/v1/sweeps/{sweep_id}:cancel").json()
+        return SweepStatus.model_validate(answer)
+
+    # -- results ------------------------------------------------------------------------------
+    def fetch(self, job_id: str, kind: str, path: str | os.PathLike[str]) -> Path:
+        """Write `image.png`, `image.exr`, `report.json` or `error.svg` of a job to `path`."""
+        return self._download(f"/v1/jobs/{job_id}/{_URL_OF_KIND.get(kind, kind)}", Path(path))
+
+    def fetch_contact_sheet(self, sweep_id: str, path: str | os.PathLike[str]) -> Path:
+        """Write the contact sheet of a sweep to `path`, waiting until it is drawn."""
+        for pause in _pauses(self.patience_s):
+            try:
+                return self._download(f"/v1/sweeps/{sweep_id}/contact-sheet.png", Path(path))
+            except ServiceError as error:
+                if error.code != "sweep_not_finished":
+                    raise
+            time.sleep(pause)
+        raise TimeoutError(f"the contact sheet of {sweep_id} was not drawn in time")
+
+    def report(self, job_id: str) -> dict[str, Any]:
+        """Return the report of a job."""
+        report: dict[str, Any] = self._request("GET", f"/v1/jobs/{job_id}/report").json()
+        return report
+
+    def ready(self) -> bool:
+        """Tell whether the service takes and does work."""
+        with contextlib.suppress(httpx.HTTPError):
+            return self._http.get("/readyz").status_code == 200
+        return False
+
+    # -- plumbing -----------------------------------------------------------------------------
+    def _download(self, url: str, path: Path) -> Path:
+        """Write beside `path`, then rename: a cut download leaves nothing behind."""
+        answer = self._request("GET", url)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        part = path.with_name(f".{path.name}.{os.getpid()}.part")
+        try:
+            part.write_bytes(answer.content)
+            part.replace(path)
+        finally:
+            part.unlink(missing_ok=True)
+        return path
+
+    def _request(
+        self,
+        method: str,
+        url: str,
+        *,
+        pieces: Callable[[], Iterator[bytes]] | None = None,
+        **more: Any,
+    ) -> httpx.Response:
+        """Send a request, again while the service is unreachable or asks to wait."""
+        deadline = time.monotonic() + self.patience_s
+        pause = 0.1
+        while True:
+            try:
+                content = pieces() if pieces else None
+                answer = self._http.request(method, url, content=content, **more)
+            except _RETRIED as error:
+                never = isinstance(error, httpx.ConnectError) and not self._reached
+                if never or time.monotonic() > deadline:
+                    raise Unreachable(
+                        f"no service answers at {self.url} ({error}); start one with `matiere serve`"
+                    ) from None
+            except httpx.TimeoutException:
+                if time.monotonic() > deadline:
+                    raise Unreachable(f"the service at {self.url} answers too slowly") from None
+            else:
+                self._reached = True
+                waiting = answer.status_code == 503 or _code(answer) == "idempotency_in_flight"
+                if not waiting or time.monotonic() > deadline:
+                    return _checked(answer)
+                pause = float(answer.headers.get("retry-after", pause))
+            time.sleep(min(pause, 5.0))
+            pause *= 2
+
+
+def local_files(document: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
+    """Return {name: (SHA-256, path)} of the scene's files that lie below `root`."""
+    from matiere.scene import references
+
+    names = {name for _, name, _ in references.files(document)}
+    return {name: found for name in sorted(names) if (found := _local(name, root)) is not None}
+
+
+def _files_of_axis(axis: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
+    """Return the files that an axis puts into the scene: its pointer ends in `file`."""
+    pointers = axis.get("pointer")
+    pointers = [pointers] if isinstance(pointers, str) else pointers or []
+    if not any(str(at).endswith("/file") for at in pointers):
+        return {}
+    names = [name for name in axis.get("values") or [] if isinstance(name, str)]
+    return {name: found for name in names if (found := _local(name, root)) is not None}
+
+
+def _local(name: str, root: Path) -> tuple[str, Path] | None:
+    """Return digest and path of a file below `root`; None for anything else."""
+    try:
+        path = (root / name).resolve(strict=True)
+        if not path.is_relative_to(root.resolve()) or not path.is_file():
+            return None
+        return file_digest(path), path
+    except (OSError, ValueError):  # a name with a NUL, too long, a loop of links ...
+        return None
+
+
+def file_digest(path: Path) -> str:
+    """Return the SHA-256 of a file in lower-case hex."""
+    with path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _read(
+    scene: str | os.PathLike[str] | Mapping[str, Any], root: str | os.PathLike[str] | None
+) -> tuple[dict[str, Any], Path]:
+    if isinstance(scene, Mapping):
+        return dict(scene), Path(root or ".")
+    from matiere.errors import Fault, SceneValidationError
+    from matiere.scene import document
+
+    path = Path(scene)
+    plain, faults = document.plain(document.read(path))
+    if not faults and not isinstance(plain, dict):
+        faults = [Fault("", "wrong_type", "a scene is a JSON object: {...}")]
+    if faults:
+        raise SceneValidationError(faults)
+    return plain, Path(root) if root is not None else path.resolve().parent
+
+
+def _pauses(timeout_s: float | None) -> Iterator[float]:
+    begin = time.monotonic()
+    pause, longest = POLL_S
+    while timeout_s is None or time.monotonic() - begin < timeout_s:
+        yield pause
+        pause = min(longest, pause * 1.3)
+
+
+def _code(answer: httpx.Response) -> str:
+    if answer.status_code != 409:
+        return ""
+    with contextlib.suppress(ValueError, AttributeError):
+        return str(answer.json().get("code"))
+    return ""
+
+
+def _checked(answer: httpx.Response) -> httpx.Response:
+    if answer.status_code < 400:
+        return answer
+    try:
+        problem = answer.json()
+    except ValueError:
+        problem = {"detail": answer.text[:200]}
+    raise ServiceError(problem if isinstance(problem, dict) else {}, answer.status_code)

@@ -1,0 +1,26 @@
+"""Which service a command talks to: `--url`, `MATIERE_URL`, the data directory's, the default."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+from matiere.service.client import DEFAULT_URL, Client
+from matiere.service.lockfile import read_announcement
+
+
+def data_dir(data: Path | None) -> Path:
+    """Return the data directory that `matiere serve` would use here."""
+    from matiere.service.settings import resolve
+
+    return resolve({"data": data}).settings.data
+
+
+def client_of(url: str | None, data: Path | None) -> Client:
+    """Return a client of the service that the options point at."""
+    if url is None and data is None:
+        url = os.environ.get("MATIERE_URL")
+    if url is None:
+        found = read_announcement(data_dir(data))
+        url = found.url if found else DEFAULT_URL
+    return Client(url)

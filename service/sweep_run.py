@@ -1,0 +1,180 @@
+"""Running a sweep from the command line, through a service or with a queue of its own.
+
+Both ways speak HTTP: when no service holds the data directory, the same application is served on a
+Unix socket that only this process knows, so there is one road for cells, files and errors.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import statistics
+import time
+from collections.abc import Iterator
+from pathlib import Path
+
+import typer
+
+from matiere.jobs.errors import DataDirLocked
+from matiere.service.client import Client, JobStatus, ServiceError, SweepStatus, local_files
+from matiere.service.console import Remaining, describe, format_time, live, upload_progress, worded
+from matiere.service.lockfile import read_announcement
+from matiere.service.settings import Settings, resolve
+from matiere.service.sweep_output import OutputFolder
+from matiere.service.sweepfile import LoadedSweep, load_sweep
+
+POLL_S = 0.5
+MAX_LISTED = 3000  # cells up to which every poll lists them all
+SHOWN_FAILURES = 10
+
+
+def run_sweep(
+    sweep_file: Path,
+    output: Path,
+    *,
+    url: str | None = None,
+    data: Path | None = None,
+    children: int | None = None,
+) -> int:
+    """Render a sweep into `output`; return the number of cells that did not succeed."""
+    with worded(sweep_file):
+        sweep = load_sweep(sweep_file)
+    settings = resolve({"data": data, "children": children}).settings
+    with _client(url, settings) as (client, own):
+        folder = OutputFolder(output)
+        with worded(sweep_file):
+            status = _attach(client, folder, sweep)
+        where = "this process" if own else client.url
+        typer.echo(f"{sweep.label}: {status.cells} cells, rendered by {where}", err=True)
+        try:
+            jobs = _follow(client, folder, status, sweep.label)
+        except KeyboardInterrupt:
+            typer.echo(_farewell(client, status, own), err=True)
+            raise typer.Exit(130) from None
+        for path in folder.finish(client, jobs):
+            typer.echo(f"wrote {path}")
+    failed = [job for job in jobs if job.state != "succeeded"]
+    for job in failed[:SHOWN_FAILURES]:
+        typer.echo(f"cell {job.cell} {describe(job)}", err=True)
+    if len(failed) > SHOWN_FAILURES:
+        typer.echo(f"... and {len(failed) - SHOWN_FAILURES} more; see table.csv", err=True)
+    return len(failed)
+
+
+def _farewell(client: Client, status: SweepStatus, own: bool) -> str:
+    if own:
+        return "stopped; what was rendered is kept, and the same command goes on from there"
+    return (
+        f"the sweep goes on at {client.url}; the same command shows it again, and\n"
+        f"  curl -X POST {client.url}/v1/sweeps/{status.id}:cancel\ncancels it"
+    )
+
+
+@contextlib.contextmanager
+def _client(url: str | None, settings: Settings) -> Iterator[tuple[Client, bool]]:
+    """Give a client, and whether the queue behind it is this process's own."""
+    found = None if url else read_announcement(settings.data)
+    if url or found:
+        with Client(url or (found.url if found else "")) as client:
+            yield client, False
+        return
+    try:
+        with own_service(settings) as client:
+            yield client, True
+    except DataDirLocked as locked:  # a service that started a moment ago
+        if not locked.url:
+            raise
+        with Client(locked.url) as client:
+            yield client, False
+
+
+@contextlib.contextmanager
+def own_service(settings: Settings) -> Iterator[Client]:
+    """Open the data directory's queue in this process and give a client of it."""
+    from matiere.jobs.engine import open_engine
+    from matiere.service.app import create_app
+    from matiere.service.server import BackgroundServer, open_log, private_socket
+
+    with contextlib.ExitStack() as stack:
+        settings.data.mkdir(mode=0o700, parents=True, exist_ok=True)
+        engine = stack.enter_context(
+            open_engine(
+                settings.data,
+                children=settings.children,
+                threads_per_child=settings.threads_per_child,
+                database_url=settings.database_url,
+                min_free_bytes=settings.min_free_bytes,
+            )
+        )
+        open_log(settings.data, settings.log_level)
+        sock, path = stack.enter_context(private_socket())
+        stack.enter_context(BackgroundServer(create_app(engine, settings), sock))
+        yield stack.enter_context(Client("http://localhost", socket_path=path))
+
+
+def _attach(client: Client, folder: OutputFolder, sweep: LoadedSweep) -> SweepStatus:
+    """Return the sweep this folder was begun with if it can still succeed, else a new one.
+
+    A new one costs little: cells whose films are stored are answered from them.
+    """
+    files = local_files(sweep.base, sweep.root)
+    digest = sweep.digest(files)
+    if folder.sweep_id is not None and folder.digest == digest:
+        with contextlib.suppress(ServiceError):
+            status = client.sweep(folder.sweep_id)
+            lost = status.counts.get("failed", 0) + status.counts.get("cancelled", 0)
+            if not lost:
+                folder.begin(status.id, digest)
+                return status
+    with upload_progress() as on_upload:
+        status = client.submit_sweep(
+            sweep.base,
+            sweep.axes,
+            mode=sweep.mode,
+            columns=sweep.columns,
+            label=sweep.label,
+            priority=sweep.priority,
+            asset_root=sweep.root,
+            on_upload=on_upload,
+        )
+    folder.begin(status.id, digest)
+    return status
+
+
+def _follow(
+    client: Client, folder: OutputFolder, status: SweepStatus, label: str
+) -> list[JobStatus]:
+    """Show progress and fetch each cell as it ends; return all cells."""
+    remaining = Remaining()
+    with live(label) as show:
+        while True:
+            status = client.sweep(status.id)
+            if status.cells <= MAX_LISTED or status.ended:
+                jobs = list(client.jobs(sweep=status.id))
+                for job in jobs:
+                    if job.state == "succeeded" and not folder.has(job):
+                        folder.fetch(client, job)
+                share = sum(job.progress for job in jobs) / max(len(jobs), 1)
+            else:
+                jobs = []
+                share = _ended(status) / max(status.cells, 1)
+            left = None if status.ended else remaining.seconds(share)
+            show(share, 1.0, _line(status, jobs, left))
+            if status.ended:
+                return jobs
+            time.sleep(POLL_S)
+
+
+def _ended(status: SweepStatus) -> int:
+    return status.cells - sum(status.counts.get(state, 0) for state in ("queued", "running"))
+
+
+def _line(status: SweepStatus, jobs: list[JobStatus], left: float | None) -> str:
+    parts = [f"{_ended(status)}/{status.cells} cells"]
+    if bad := _ended(status) - status.counts.get("succeeded", 0):
+        parts.append(f"{bad} failed")
+    errors = [job.relmse for job in jobs if job.relmse is not None]
+    if errors:
+        parts.append(f"median relMSE {statistics.median(errors):.2e}")
+    if not status.ended:
+        parts.append(f"{format_time(left)} left")
+    return ", ".join(parts)
