@@ -18,14 +18,34 @@ other bytes fails the job as `asset_changed`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+import hashlib
+import importlib
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, TypeVar
 
+from uuid6 import uuid7
+
+from matiere.jobs.artifacts import fsync_folder
+from matiere.jobs.datadir import DataDir
+from matiere.jobs.errors import (
+    AssetMismatch,
+    DiskFull,
+    Draining,
+    JobNotFound,
+    JobsError,
+    NotReadyYet,
+)
 from matiere.jobs.job import (
+    ARTIFACT_MEDIA_TYPES,
     DEFAULT_PRIORITY,
     Artifact,
+    Check,
     Event,
     Job,
     JobState,
@@ -33,6 +53,14 @@ from matiere.jobs.job import (
     Readiness,
     Sweep,
 )
+from matiere.jobs.scheduler import Options, Scheduler
+from matiere.jobs.store import events, files, films, jobs, views
+from matiere.jobs.store.database import Database
+from matiere.jobs.submission import Request, Submitter, body_hash
+
+T = TypeVar("T")
+DEFAULT_WORK = "matiere.jobs.work"
+CLAIM_GRACE_S = 8.0
 
 
 def open_engine(
@@ -43,23 +71,55 @@ def open_engine(
     url: str | None = None,
     database_url: str | None = None,
     min_free_bytes: int = 512 * 2**20,
+    max_film_bytes: int | None = None,
+    work: str = DEFAULT_WORK,
 ) -> Engine:
     """Lock `data_dir`, migrate its store, resume its films, start the children.
 
     `children` defaults to usable cores / `threads_per_child`; `url` is written to `server.json`
     for other commands to find (it may be set later by `Engine.announce`). Raises `DataDirLocked`
     (with `url` and `pid` of the holder), `StoreError` (store newer than the program, damaged, or
-    on a network file system).
+    on a network file system). Below `min_free_bytes` of free disk no new work is handed out;
+    films above `max_film_bytes` (a quarter of the memory) are refused. `work` names the module
+    that renders; only tests give another.
     """
-    raise NotImplementedError
+    threads = max(1, threads_per_child)
+    count = children or max(1, len(os.sched_getaffinity(0)) // threads)
+    memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+    data = DataDir.open(data_dir)
+    try:
+        database = Database(data.store if database_url is None else None, database_url)
+    except BaseException:
+        data.close()
+        raise
+    options = Options(count, threads, work, min_free_bytes, str(uuid7()))
+    engine = Engine(data, database, options, max_film_bytes or memory // 4)
+    if url is not None:
+        engine.announce(url)
+    return engine
 
 
 class Engine:
     """An open job queue; make one with `open_engine`."""
 
-    data_dir: Path
-    children: int
-    threads_per_child: int
+    def __init__(
+        self, data: DataDir, database: Database, options: Options, max_film_bytes: int
+    ) -> None:
+        """Use `open_engine`."""
+        self.data_dir, self.children = data.root, options.children
+        self.threads_per_child = options.threads
+        self._data, self._db, self._instance_id = data, database, options.instance_id
+        self._closed, self._version = False, 0
+        self._changed = threading.Condition()
+        module = importlib.import_module(options.work)
+        self._submitter = Submitter(data, module, max_film_bytes)
+        self._db.on_commit = self._notify
+        #: What the last instance left: claims_voided, chunks_voided, chunks_present.
+        self.resumed: JsonDict = self._db.write(
+            lambda c: films.void_dead(c, self._instance_id, os.getpid())
+        )
+        self._scheduler = Scheduler(database, data, options, module)
+        self._scheduler.start()
 
     # -- life ---------------------------------------------------------------------------------
     def __enter__(self) -> Engine:
@@ -77,23 +137,77 @@ class Engine:
 
     def announce(self, url: str) -> None:
         """Write `server.json` (url, pid) so that other commands find this engine."""
-        raise NotImplementedError
+        self._data.announce(url)
 
     def drain(self, timeout_s: float = 8.0) -> bool:
         """Refuse new work, let running claims end, tell whether all ended within the time."""
-        raise NotImplementedError
+        self._scheduler.health.draining = True
+        end = time.monotonic() + timeout_s
+        while not self._scheduler.idle():
+            if time.monotonic() > end:
+                return False
+            time.sleep(0.02)
+        return True
 
     def close(self) -> None:
         """Stop children and threads, close the store, release the lock. Safe to call twice."""
-        raise NotImplementedError
+        if self._closed:
+            return
+        self._closed = True
+        self._scheduler.health.draining = True
+        self._scheduler.stop()
+        self._scheduler.join()
+        try:
+            self._db.write(lambda c: films.end_instance(c, self._instance_id))
+        except JobsError:
+            pass  # a full disk: the next start sees an instance that did not end
+        self._db.close()
+        self._data.close()
+        self._notify()
 
     def readiness(self) -> Readiness:
         """Check a write transaction, an artifact write, a child's heartbeat, space, draining."""
-        raise NotImplementedError
+        health = self._scheduler.health
+        checks = {
+            "accepting": Check(not (health.draining or self._closed), "takes new jobs"),
+            "database": _attempt(self._db.check, "a write transaction works"),
+            "artifacts": _attempt(self._write_probe, "a file can be written durably"),
+            "children": self._children_check(),
+            "disk": self._disk_check(),
+        }
+        return Readiness(all(check.ok for check in checks.values()), checks)
 
     def status(self) -> JsonDict:
         """Return JSON-able facts: children (pid, state, job), queue counts, disk, counters."""
-        raise NotImplementedError
+        health, now = self._scheduler.health, time.monotonic()
+        children = []
+        for slot in (*self._scheduler.slots, self._scheduler.utility.slot):
+            child = slot.child
+            children.append(
+                {
+                    "name": slot.name,
+                    "pid": child.pid if child else None,
+                    "ready": bool(child and child.ready),
+                    "claims": len(child.inflight) if child else 0,
+                    "answered_s_ago": round(now - child.answered, 3) if child else None,
+                }
+            )
+        usage = shutil.disk_usage(self.data_dir)
+        return {
+            "pid": os.getpid(),
+            "data_dir": str(self.data_dir),
+            "logs": str(self._data.logs),
+            "children": children,
+            "threads_per_child": self.threads_per_child,
+            "jobs": self._db.read(views.counts),
+            "disk_free_bytes": usage.free,
+            "disk_low": health.disk_low,
+            "disk_full": self._scheduler.disk_paused(now),
+            "draining": health.draining,
+            "stuck": health.stuck,
+            "resumed": self.resumed,
+            "counters": dict(health.counters),
+        }
 
     # -- jobs ---------------------------------------------------------------------------------
     def submit_job(
@@ -113,11 +227,18 @@ class Engine:
         or to `stop` (prefix `/stop`). Raises `SceneValidationError` (all errors at once),
         `AssetMissing`, `IdempotencyConflict`, `DiskFull`, `Draining`.
         """
-        raise NotImplementedError
+        self._accepting()
+        request = Request(stop, assets or {}, priority, label)
+        digest = body_hash("job", scene, stop, assets, priority, label)
+        key = jobs.Key(idempotency_key, digest) if idempotency_key else None
+        spec = self._submitter.job(scene, request)
+        job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
+        self._scheduler.wake()
+        return self.get_job(job_id)
 
     def get_job(self, job_id: str) -> Job:
         """Return a job. Raises `JobNotFound`."""
-        raise NotImplementedError
+        return self._db.read(lambda c: views.get_job(c, job_id))
 
     def list_jobs(
         self,
@@ -128,15 +249,17 @@ class Engine:
         limit: int = 100,
     ) -> list[Job]:
         """List jobs, newest first; cells of a sweep by cell index. `after` is the last id seen."""
-        raise NotImplementedError
+        return self._db.read(lambda c: views.list_jobs(c, state, sweep_id, after, limit))
 
     def cancel_job(self, job_id: str) -> Job:
         """Cancel a live job; a film that another job wants goes on. An ended job is unchanged."""
-        raise NotImplementedError
+        self._db.write(lambda c: jobs.cancel_job(c, job_id))
+        self._scheduler.wake()
+        return self.get_job(job_id)
 
     def wait_job(self, job_id: str, timeout_s: float | None = None) -> Job:
         """Return the job once it has ended, or as it is when the time is up."""
-        raise NotImplementedError
+        return self._wait(lambda: self.get_job(job_id), lambda job: job.state.final, timeout_s)
 
     # -- sweeps -------------------------------------------------------------------------------
     def submit_sweep(
@@ -159,23 +282,35 @@ class Engine:
         value). `pointer` may be a list of pointers that take the same value. Every cell's scene
         is validated; errors carry `/axes/0/values/3`-like or scene pointers.
         """
-        raise NotImplementedError
+        self._accepting()
+        request = Request(stop, assets or {}, priority, label)
+        digest = body_hash("sweep", base, axes, mode, stop, assets, priority, label, columns)
+        key = jobs.Key(idempotency_key, digest) if idempotency_key else None
+        spec, cells = self._submitter.sweep(base, axes, request, mode, columns)
+        sweep_id = self._db.write(lambda c: jobs.submit_sweep(c, spec, cells, key))
+        self._scheduler.wake()
+        return self.get_sweep(sweep_id)
 
     def get_sweep(self, sweep_id: str) -> Sweep:
         """Return a sweep with the counts of its cells. Raises `JobNotFound`."""
-        raise NotImplementedError
+        return self._db.read(lambda c: views.get_sweep(c, sweep_id))
 
     def list_sweeps(self, *, after: str | None = None, limit: int = 100) -> list[Sweep]:
         """List sweeps, newest first."""
-        raise NotImplementedError
+        return self._db.read(lambda c: views.list_sweeps(c, after, limit))
 
     def cancel_sweep(self, sweep_id: str) -> Sweep:
         """Cancel every live cell."""
-        raise NotImplementedError
+        self.get_sweep(sweep_id)
+        self._db.write(lambda c: jobs.cancel_sweep(c, sweep_id))
+        self._scheduler.wake()
+        return self.get_sweep(sweep_id)
 
     def wait_sweep(self, sweep_id: str, timeout_s: float | None = None) -> Sweep:
         """Return the sweep once all cells and its contact sheet are done, or when time is up."""
-        raise NotImplementedError
+        return self._wait(
+            lambda: self.get_sweep(sweep_id), lambda sweep: sweep.finished is not None, timeout_s
+        )
 
     # -- results ------------------------------------------------------------------------------
     def artifact(self, job_id: str, kind: str) -> Artifact:
@@ -183,11 +318,19 @@ class Engine:
 
         Raises `JobNotFound` (no such job, or it failed or was cancelled) or `NotReadyYet`.
         """
-        raise NotImplementedError
+        job = self.get_job(job_id)
+        blob = self._db.read(lambda c: files.find_reference(c, ("job", job_id), kind))
+        if blob is None and not job.state.final:
+            raise NotReadyYet(f"job {job_id} is {job.state.value}; its {kind} comes at the end")
+        return self._artifact(blob, kind, f"job {job_id} {job.state.value}, without {kind}")
 
     def sweep_artifact(self, sweep_id: str, kind: str = "contact-sheet.png") -> Artifact:
         """Return an artifact of a sweep; raises `NotReadyYet` until its cells have ended."""
-        raise NotImplementedError
+        sweep = self.get_sweep(sweep_id)
+        blob = self._db.read(lambda c: files.find_reference(c, ("sweep", sweep_id), kind))
+        if blob is None and sweep.finished is None:
+            raise NotReadyYet(f"sweep {sweep_id} has cells that have not ended")
+        return self._artifact(blob, kind, f"sweep {sweep_id} has no {kind}")
 
     def events(
         self,
@@ -199,16 +342,107 @@ class Engine:
         wait_s: float = 0.0,
     ) -> list[Event]:
         """Return events with `seq > after`, waiting up to `wait_s` for the first."""
-        raise NotImplementedError
+        end = time.monotonic() + wait_s
+        while True:
+            version = self._version
+            found = self._db.read(lambda c: events.read_events(c, after, job_id, sweep_id, limit))
+            left = end - time.monotonic()
+            if found or left <= 0 or self._closed:
+                return found
+            self._await_change(version, left)
 
     # -- assets -------------------------------------------------------------------------------
     def missing_assets(self, digests: Iterable[str]) -> list[str]:
         """Return those SHA-256 digests (lower-case hex) that must still be uploaded."""
-        raise NotImplementedError
+        return [d for d in dict.fromkeys(digests) if not self._data.asset_path(d).exists()]
 
     def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
         """Store streamed bytes under their digest; false if they were there already.
 
         Raises `AssetMismatch` (nothing is kept) or `DiskFull`.
         """
-        raise NotImplementedError
+        target = self._data.asset_path(digest)
+        if target.exists():
+            for _ in stream:
+                pass
+            return False
+        target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
+        temporary = target.with_name(f"{uuid7()}.tmp")
+        hasher = hashlib.sha256()
+        try:
+            with temporary.open("xb") as file:
+                for piece in stream:
+                    hasher.update(piece)
+                    file.write(piece)
+                file.flush()
+                os.fsync(file.fileno())
+            if hasher.hexdigest() != digest:
+                raise AssetMismatch(
+                    f"the bytes have SHA-256 {hasher.hexdigest()}, not {digest}; nothing was kept"
+                )
+            temporary.replace(target)
+            fsync_folder(target.parent)
+        except OSError as error:
+            raise DiskFull(f"the asset cannot be stored: {error.strerror}") from error
+        finally:
+            temporary.unlink(missing_ok=True)
+        return True
+
+    # -- inside -------------------------------------------------------------------------------
+    def _accepting(self) -> None:
+        if self._closed or self._scheduler.health.draining:
+            raise Draining("the service is stopping and takes no new work; try again soon")
+
+    def _artifact(self, blob: files.Blob | None, kind: str, why_not: str) -> Artifact:
+        if blob is None:
+            raise JobNotFound(why_not)
+        path = str(self._data.artifacts.path(blob.digest))
+        media_type = ARTIFACT_MEDIA_TYPES[kind][0]
+        return Artifact(kind, blob.digest, blob.size, path, media_type)
+
+    def _notify(self) -> None:
+        with self._changed:
+            self._version += 1
+            self._changed.notify_all()
+
+    def _await_change(self, version: int, timeout_s: float) -> None:
+        with self._changed:
+            self._changed.wait_for(lambda: self._version != version, timeout_s)
+
+    def _wait(self, get: Callable[[], T], done: Callable[[T], bool], timeout_s: float | None) -> T:
+        end = None if timeout_s is None else time.monotonic() + timeout_s
+        while True:
+            version = self._version
+            value = get()
+            left = 1.0 if end is None else end - time.monotonic()
+            if done(value) or left <= 0 or self._closed:
+                return value
+            self._await_change(version, min(1.0, left))
+
+    def _write_probe(self) -> None:
+        digest, _ = self._data.artifacts.write([f"probe {uuid7()}".encode()])
+        self._data.artifacts.remove(digest)
+
+    def _children_check(self) -> Check:
+        slots = (*self._scheduler.slots, self._scheduler.utility.slot)
+        ready = sum(1 for slot in slots if slot.child is not None and slot.child.ready)
+        detail = f"{ready} of {len(slots)} child processes answer"
+        if ready < len(slots) and self._scheduler.health.stuck:
+            detail += f"; {self._scheduler.health.stuck}"
+        return Check(ready == len(slots) and self._scheduler.is_alive(), detail)
+
+    def _disk_check(self) -> Check:
+        if self._scheduler.disk_paused(time.monotonic()):
+            return Check(False, "disk_full: a write failed a moment ago; work waits for space")
+        if self._scheduler.health.disk_low:
+            free = shutil.disk_usage(self.data_dir).free
+            return Check(False, f"disk_low: {free / 2**20:.0f} MiB free; no new work is begun")
+        return Check(True, "enough free space")
+
+
+def _attempt(action: Callable[[], None], good: str) -> Check:
+    try:
+        action()
+    except (JobsError, OSError) as error:
+        return Check(False, str(error))
+    return Check(True, good)

@@ -1,17 +1,17 @@
 """Errors of the job queue.
 
-    MatiereError (matiere.errors)
-    +- JobsError
-       +- JobNotFound          not_found            no such job, sweep or artifact
-       +- NotReadyYet          not_ready            the artifact is still being made
-       +- AssetMissing         asset_missing        a named asset has not been uploaded
-       +- AssetMismatch        asset_mismatch       uploaded bytes do not have the named digest
-       +- IdempotencyConflict  idempotency_conflict same key, other request
-       +- DataDirLocked        data_dir_locked      another process owns the data directory
-       +- StoreError           store_error          the database refuses or is newer than the program
-       |  +- DiskFull          disk_full            no space for the database or an artifact
-       +- Draining             draining             the engine is stopping and takes no new work
-       +- IllegalTransition    illegal_transition   a state change outside the table in `job.py`
+MatiereError (matiere.errors)
++- JobsError
+   +- JobNotFound          not_found            no such job, sweep or artifact
+   +- NotReadyYet          not_ready            the artifact is still being made
+   +- AssetMissing         asset_missing        a named asset has not been uploaded
+   +- AssetMismatch        asset_mismatch       uploaded bytes do not have the named digest
+   +- IdempotencyConflict  idempotency_conflict same key, other request
+   +- DataDirLocked        data_dir_locked      another process owns the data directory
+   +- StoreError           store_error          the database refuses or is newer than us
+   |  +- DiskFull          disk_full            no space for the database or an artifact
+   +- Draining             draining             the engine is stopping and takes no new work
+   +- IllegalTransition    illegal_transition   a state change outside the table in `job.py`
 """
 
 from __future__ import annotations
@@ -23,10 +23,6 @@ class JobsError(MatiereError):
     """Root of all errors raised by `matiere.jobs`."""
 
     default_code = "jobs_error"
-
-    def __init__(self, message: str, pointer: str = "") -> None:
-        """Keep message and JSON pointer under this class's code."""
-        super().__init__(self.default_code, message, pointer)
 
 
 class JobNotFound(JobsError):

@@ -1,0 +1,187 @@
+"""The child process: `python -m matiere.jobs.child`, one request at a time, JSON lines over pipes.
+
+A render child renders claims; the utility child is the same program asked other verbs. It never
+opens the database. It ends at once when its control pipe closes, so a killed service leaves no
+orphan. Requests: `{"op": "render"|"merge"|"images"|"sheet"|"cancel"|"ping", "token": n, ...}`;
+reports: `{"op": "hello"|"pong"|"done"|"failed"|"cancelled", "token": n, ...}`.
+"""
+
+from __future__ import annotations
+
+import argparse
+import ctypes
+import errno
+import faulthandler
+import importlib
+import json
+import os
+import queue
+import resource
+import signal
+import sys
+import threading
+import traceback
+from pathlib import Path
+from typing import Any
+
+from matiere.errors import MatiereError
+from matiere.jobs.artifacts import ArtifactFolder
+from matiere.jobs.job import JsonDict
+
+PR_SET_PDEATHSIG = 1
+NICE = 10
+OOM_SCORE_ADJ = 500  # when memory runs out a child goes before the service does
+
+
+def harden(parent: int) -> None:
+    """Make this process a polite, short-lived victim: low priority, no core, dies with `parent`."""
+    faulthandler.enable()
+    ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+    if os.getppid() != parent:
+        os._exit(0)  # the parent died before the request above
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    os.nice(NICE)
+    try:
+        with Path("/proc/self/oom_score_adj").open("w") as file:
+            file.write(str(OOM_SCORE_ADJ))
+    except OSError:
+        pass  # not allowed everywhere; only a preference
+
+
+class Reports:
+    """The pipe to the service; lines from several threads do not mix."""
+
+    def __init__(self, fd: int) -> None:
+        """Write to `fd`."""
+        self._file = os.fdopen(fd, "wb", buffering=0)
+        self._lock = threading.Lock()
+
+    def send(self, op: str, **fields: Any) -> None:
+        """Send one report; end the process if nobody listens any more."""
+        line = json.dumps({"op": op, **fields}, allow_nan=False).encode() + b"\n"
+        try:
+            with self._lock:
+                self._file.write(line)
+        except BrokenPipeError:
+            os._exit(0)
+
+
+class Child:
+    """Reads the control pipe in one thread and works in another."""
+
+    def __init__(self, options: argparse.Namespace) -> None:
+        """Open pipes and the work module; heavy imports wait for the first request."""
+        self.reports = Reports(options.report)
+        self.folder = ArtifactFolder(options.artifacts)
+        self.work = importlib.import_module(options.work)
+        self.threads: int = options.threads
+        self.slots: int = options.slots
+        self._control = os.fdopen(options.control, "rb")
+        self._requests: queue.SimpleQueue[JsonDict] = queue.SimpleQueue()
+        self._lock = threading.Lock()
+        self._cancelled: set[int] = set()
+        self._current: tuple[int, Any] | None = None
+        self._renderer: Any = None
+
+    def run(self) -> None:
+        """Serve requests until the control pipe closes."""
+        threading.Thread(target=self._listen, name="control", daemon=True).start()
+        self.reports.send("hello", pid=os.getpid())
+        while True:
+            self._serve(self._requests.get())
+
+    def _listen(self) -> None:
+        for line in self._control:
+            message = json.loads(line)
+            if message["op"] == "ping":
+                self.reports.send("pong", n=message["n"])
+            elif message["op"] == "cancel":
+                self._cancel(message["token"])
+            else:
+                self._requests.put(message)
+        os._exit(0)  # also in the middle of a render
+
+    def _cancel(self, token: int) -> None:
+        with self._lock:
+            self._cancelled.add(token)
+            if self._current is not None and self._current[0] == token:
+                self._current[1].cancel()
+
+    def _serve(self, request: JsonDict) -> None:
+        token: int = request["token"]
+        flag = self.work.cancel_token()
+        with self._lock:
+            self._current = (token, flag)
+            if token in self._cancelled:
+                flag.cancel()
+        try:
+            answer = self._answer(request, flag)
+        except BaseException as error:
+            self.reports.send("failed", token=token, **describe(error))
+        else:
+            if answer is None:
+                self.reports.send("cancelled", token=token)
+            else:
+                self.reports.send("done", token=token, **answer)
+        finally:
+            with self._lock:
+                self._current = None
+                self._cancelled.discard(token)
+
+    def _answer(self, request: JsonDict, flag: Any) -> JsonDict | None:
+        from matiere.jobs import merge, rendering, utility
+
+        if request["op"] == "render":
+            if self._renderer is None:
+                self._renderer = rendering.Renderer(self.work, self.threads, self.slots)
+            answer: JsonDict | None = self._renderer.render(request, self.folder, flag)
+            return answer
+        if request["op"] == "merge":
+            return merge.merge(self.work, request, self.folder)
+        if request["op"] == "images":
+            return utility.make_images(self.work, request, self.folder)
+        if request["op"] == "sheet":
+            return utility.make_sheet(self.work, request, self.folder)
+        raise ValueError(f"unknown request {request['op']!r}")
+
+
+def describe(error: BaseException) -> JsonDict:
+    """Sort an exception into a class the supervisor acts on.
+
+    `permanent`: the request itself is wrong, trying again gives the same. `disk_full`: try again
+    later. Anything else is tried again a few times.
+    """
+    from matiere.jobs.merge import DamagedChunks
+
+    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+        return {"error": "disk_full", "message": str(error), "pointer": "", "permanent": False}
+    if isinstance(error, DamagedChunks):
+        return {"error": "damaged_file", "message": str(error), "pointer": "",
+                "permanent": False, "digest": error.digest}  # fmt: skip
+    if isinstance(error, MatiereError):
+        faults = getattr(error, "errors", None)
+        return {"error": error.code, "message": error.message, "pointer": error.pointer,
+                "permanent": True, "faults": faults}  # fmt: skip
+    traceback.print_exception(error, file=sys.stderr)
+    kind = "out_of_memory" if isinstance(error, MemoryError) else "python_error"
+    text = "".join(traceback.format_exception_only(error)).strip()
+    return {"error": kind, "message": text, "pointer": "", "permanent": False}
+
+
+def main() -> None:
+    """Parse the command line and serve."""
+    parser = argparse.ArgumentParser(prog="matiere.jobs.child", description=__doc__)
+    parser.add_argument("--control", type=int, required=True, help="file descriptor to read")
+    parser.add_argument("--report", type=int, required=True, help="file descriptor to write")
+    parser.add_argument("--artifacts", required=True, help="folder of artifacts")
+    parser.add_argument("--work", required=True, help="module that renders")
+    parser.add_argument("--threads", type=int, required=True, help="render threads")
+    parser.add_argument("--slots", type=int, required=True, help="children x threads")
+    parser.add_argument("--parent", type=int, required=True, help="pid of the service")
+    options = parser.parse_args()
+    harden(options.parent)
+    Child(options).run()
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,199 @@
+"""Child processes seen from the service: start, talk, ping, kill, and read what they left."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import logging
+import os
+import queue
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import OrderedDict
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from matiere.jobs.job import JsonDict
+
+log = logging.getLogger("matiere.jobs.children")
+
+PING_S = 5.0
+LEASE_S = 30.0  # without an answer for so long a child is killed and its work given back
+LOG_BYTES = 4 * 2**20
+LOG_TAIL_BYTES = 4096
+
+
+@dataclass(frozen=True)
+class ChildOptions:
+    """How to start a child."""
+
+    name: str
+    artifacts: Path
+    logs: Path
+    work: str
+    threads: int
+    slots: int
+
+
+@dataclass(frozen=True)
+class Message:
+    """A report (`op` and fields), or the exit of a child (`op` is "exit")."""
+
+    child: Child
+    body: JsonDict
+
+
+class Child:
+    """One running child. Its reports and its exit arrive in the inbox given to `start`."""
+
+    def __init__(self, options: ChildOptions, inbox: queue.SimpleQueue[Any]) -> None:
+        """Start the process; call from a thread that lives as long as the child should."""
+        self.options = options
+        self.name = options.name
+        self.inflight: OrderedDict[int, Any] = OrderedDict()  # token -> claim, in order of work
+        self.seen: OrderedDict[str, None] = OrderedDict()  # film keys it has worked on, newest last
+        self.geometry = ""
+        self.alive = True
+        self.ready = False
+        self.started = self.answered = self._pinged = time.monotonic()
+        self.killed = False
+        self._inbox = inbox
+        self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
+        self._log_path = options.logs / f"{options.name}.log"
+        self._spawn()
+
+    @property
+    def pid(self) -> int:
+        """Process id."""
+        return self._process.pid
+
+    # -- talking ------------------------------------------------------------------------------
+    def send(self, op: str, **fields: Any) -> None:
+        """Queue a request; never blocks, whatever the child does."""
+        self._outbox.put(json.dumps({"op": op, **fields}, allow_nan=False).encode() + b"\n")
+
+    def tick(self, now: float) -> None:
+        """Ping the child; kill it when it has not answered for a lease."""
+        if not self.alive:
+            return
+        if now - self.answered > LEASE_S and not self.killed:
+            log.warning("%s (pid %d) does not answer: killed", self.name, self.pid)
+            self.kill()
+        elif now - self._pinged > PING_S:
+            self._pinged = now
+            self.send("ping", n=0)
+            self._trim_log()
+
+    def kill(self, how: signal.Signals = signal.SIGKILL) -> None:
+        """Send a signal to the child (it is reaped by its own reader thread)."""
+        self.killed = True
+        with contextlib.suppress(ProcessLookupError):
+            self._process.send_signal(how)
+
+    def close(self) -> None:
+        """Close the control pipe: the child ends at once."""
+        self._outbox.put(None)
+
+    def wait(self, timeout: float) -> bool:
+        """Wait for the end; true if it came."""
+        try:
+            self._process.wait(timeout)
+        except subprocess.TimeoutExpired:
+            return False
+        return True
+
+    # -- remains ------------------------------------------------------------------------------
+    def log_tail(self) -> str:
+        """Return the last lines this process wrote to its log."""
+        try:
+            with self._log_path.open("rb") as file:
+                end = file.seek(0, os.SEEK_END)
+                file.seek(max(self._log_start if end > self._log_start else 0,
+                              end - LOG_TAIL_BYTES))  # fmt: skip
+                return file.read().decode(errors="replace")
+        except OSError:
+            return ""
+
+    # -- inside -------------------------------------------------------------------------------
+    def _spawn(self) -> None:
+        o = self.options
+        control_read, control_write = os.pipe2(os.O_CLOEXEC)
+        report_read, report_write = os.pipe2(os.O_CLOEXEC)
+        command = [sys.executable, "-m", "matiere.jobs.child"]
+        command += ["--control", str(control_read), "--report", str(report_write)]
+        command += ["--artifacts", str(o.artifacts), "--work", o.work]
+        command += ["--threads", str(o.threads), "--slots", str(o.slots)]
+        command += ["--parent", str(os.getpid())]
+        single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
+        environment = {**os.environ, **single, "PYTHONSAFEPATH": "1"}
+        self._rotate_log()
+        with self._log_path.open("ab") as output:
+            self._log_start = output.tell()
+            self._process = subprocess.Popen(
+                command,
+                stdin=subprocess.DEVNULL,
+                stdout=output,
+                stderr=output,
+                pass_fds=(control_read, report_write),
+                start_new_session=True,
+                env=environment,
+            )
+        os.close(control_read)
+        os.close(report_write)
+        for target, fd in ((self._write, control_write), (self._read, report_read)):
+            threading.Thread(target=target, args=(fd,), name=o.name, daemon=True).start()
+
+    def _write(self, fd: int) -> None:
+        with os.fdopen(fd, "wb", buffering=0) as pipe:
+            while (line := self._outbox.get()) is not None:
+                try:
+                    at = 0
+                    while at < len(line):
+                        at += pipe.write(line[at:]) or 0
+                except (BrokenPipeError, OSError):
+                    return
+
+    def _read(self, fd: int) -> None:
+        with os.fdopen(fd, "rb") as pipe:
+            for line in pipe:
+                self.answered = time.monotonic()
+                try:
+                    body = json.loads(line)
+                except ValueError:
+                    continue  # the last line of a killed child
+                if body["op"] != "pong":
+                    self._inbox.put(Message(self, body))
+        code = self._process.wait()
+        self._outbox.put(None)
+        self._inbox.put(Message(self, {"op": "exit", "code": code}))
+
+    def _rotate_log(self) -> None:
+        with contextlib.suppress(OSError):
+            if self._log_path.stat().st_size > LOG_BYTES:
+                self._log_path.replace(self._log_path.with_suffix(".log.1"))
+
+    def _trim_log(self) -> None:
+        """Cut a log that grows without end; the child appends, so it goes on at the start."""
+        with contextlib.suppress(OSError):
+            if self._log_path.stat().st_size > 4 * LOG_BYTES:
+                tail = self.log_tail()
+                self._log_path.with_suffix(".log.1").write_text(tail)
+                os.truncate(self._log_path, 0)
+                self._log_start = 0
+
+
+def exit_class(code: int, killed_by_us: bool) -> tuple[str, str]:
+    """Return class and words for how a child ended."""
+    if killed_by_us:
+        return "lost", "killed by the service because it did not answer"
+    if code == -signal.SIGKILL:
+        return "lost", "killed from outside (SIGKILL), perhaps for want of memory"
+    if code in (-signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP):
+        return "lost", f"ended from outside ({signal.Signals(-code).name})"
+    if code < 0:
+        return "signal", f"crashed with {signal.Signals(-code).name}"
+    return "python_error", f"ended by itself with exit code {code}"

@@ -1,0 +1,126 @@
+"""The data directory: its layout, its lock, and the note that says who serves it.
+
+    store.sqlite   artifacts/ab/cd/<sha256>   assets/   views/   logs/   server.json   lock
+
+One process at a time owns it (flock on `lock`, released by the kernel when the process dies).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+
+from matiere.jobs.artifacts import ArtifactFolder
+from matiere.jobs.errors import AssetMissing, DataDirLocked, JobsError
+from matiere.jobs.job import JsonDict
+
+PRIVATE = 0o700
+
+
+class DataDir:
+    """A locked data directory; make one with `DataDir.open`."""
+
+    def __init__(self, root: Path, lock_fd: int) -> None:
+        """Use `open`."""
+        self.root = root
+        self._lock_fd = lock_fd
+        self.store = root / "store.sqlite"
+        self.artifacts = ArtifactFolder(root / "artifacts")
+        self.assets = root / "assets"
+        self.views = root / "views"
+        self.logs = root / "logs"
+        self.server_note = root / "server.json"
+
+    @classmethod
+    def open(cls, path: str | Path) -> DataDir:
+        """Make what is missing (mode 0700) and lock it. Raises DataDirLocked."""
+        root = Path(path).absolute()
+        for folder in (root, root / "artifacts", root / "assets", root / "views", root / "logs"):
+            try:
+                folder.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+            except OSError as error:
+                raise JobsError(
+                    f"cannot make the data directory {folder}: {error.strerror}; "
+                    "choose another with --data"
+                ) from error
+        fd = os.open(root / "lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+        try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except BlockingIOError:
+            os.close(fd)
+            note = read_server_note(root)
+            raise DataDirLocked(str(root), note.get("url"), note.get("pid")) from None
+        self = cls(root, fd)
+        self.announce(None)
+        self.artifacts.remove_temporary()
+        return self
+
+    def announce(self, url: str | None) -> None:
+        """Write `server.json` with this process's pid and URL."""
+        note = json.dumps({"url": url, "pid": os.getpid()})
+        temporary = self.root / "server.json.tmp"
+        temporary.write_text(note + "\n")
+        temporary.replace(self.server_note)
+
+    def close(self) -> None:
+        """Remove the note and release the lock."""
+        if self._lock_fd < 0:
+            return
+        self.server_note.unlink(missing_ok=True)
+        os.close(self._lock_fd)
+        self._lock_fd = -1
+
+    # -- assets -------------------------------------------------------------------------------
+    def asset_path(self, digest: str) -> Path:
+        """Return where the uploaded asset with this SHA-256 lies."""
+        return self.assets / ".sha256" / digest[:2] / digest
+
+    def view(self, assets: Mapping[str, str]) -> Path:
+        """Return a folder that shows uploaded assets under the names a scene uses.
+
+        The files are hard links; names not in `assets` are taken from the asset folder itself.
+        Raises AssetMissing for a digest that was not uploaded.
+        """
+        if not assets:
+            return self.assets
+        manifest = json.dumps(sorted(assets.items()))
+        folder = self.views / hashlib.sha256(manifest.encode()).hexdigest()[:32]
+        for name, digest in sorted(assets.items()):
+            relative = Path(name)
+            if relative.is_absolute() or ".." in relative.parts or not relative.parts:
+                continue  # the scene's own check refuses it, with a pointer
+            source = self.asset_path(digest)
+            if not source.exists():
+                raise AssetMissing(
+                    f"asset {name!r} (SHA-256 {digest}) is not in the store; upload it with "
+                    f"PUT /v1/assets/{digest} and submit again"
+                )
+            target = folder / relative
+            target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+            with contextlib.suppress(FileExistsError):
+                os.link(source, target)
+        return folder
+
+    def link_named(self, folder: Path, name: str) -> None:
+        """Show a file of the asset folder inside a view as well, if there is one."""
+        relative = Path(name)
+        if folder == self.assets or relative.is_absolute() or ".." in relative.parts:
+            return
+        source, target = self.assets / relative, folder / relative
+        if source.is_file() and not target.exists():
+            target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+            os.link(source, target)
+
+
+def read_server_note(path: str | Path) -> JsonDict:
+    """Return `{"url": ..., "pid": ...}` of the process that serves a data directory, or {}."""
+    try:
+        note = json.loads((Path(path) / "server.json").read_text())
+    except (OSError, ValueError):
+        return {}
+    return note if isinstance(note, dict) else {}

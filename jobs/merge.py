@@ -1,0 +1,143 @@
+"""Fold chunk files into a film's prefix and apply the stop rules (utility child).
+
+The fold follows the plan's order in double, so the prefix at a given spp has the same bits however
+the chunks were grouped, whoever rendered them and however often somebody was killed. Merging ends
+at the first boundary where a job's stop rule fires: that job gets exactly this film.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, pack, unpack
+from matiere.jobs.job import JsonDict
+
+
+class ChunkSource:
+    """Chunk records by plan index, read from their files when first needed."""
+
+    def __init__(self, folder: ArtifactFolder, files: Sequence[JsonDict]) -> None:
+        """Take files as `{"digest", "chunks": [...]}`."""
+        self._folder = folder
+        self._file_of = {i: f["digest"] for f in files for i in f["chunks"]}
+        self._open: dict[str, tuple[JsonDict, list[memoryview]]] = {}
+        self._left = {f["digest"]: len(f["chunks"]) for f in files}
+
+    def __contains__(self, index: int) -> bool:
+        """Tell whether a chunk is available."""
+        return index in self._file_of
+
+    def take(self, index: int) -> tuple[memoryview, float]:
+        """Return bytes and seconds of a chunk. Raises DamagedChunks naming the file."""
+        digest = self._file_of.pop(index)
+        if digest not in self._open:
+            try:
+                self._open[digest] = unpack(self._folder.read(digest))
+            except (DamagedFile, ValueError, KeyError) as error:
+                raise DamagedChunks(digest, str(error)) from error
+        header, records = self._open[digest]
+        place = header["chunks"].index(index)
+        self._left[digest] -= 1
+        if self._left[digest] == 0:
+            del self._open[digest]
+        return records[place], header["seconds"][place]
+
+
+class DamagedChunks(Exception):
+    """A chunk file cannot be used and has to be rendered again."""
+
+    def __init__(self, digest: str, why: str) -> None:
+        """Name the file."""
+        super().__init__(why)
+        self.digest = digest
+
+
+class Prefix:
+    """The merged film so far, with its log of error against time."""
+
+    def __init__(self, work: Any, request: JsonDict, folder: ArtifactFolder) -> None:
+        """Open the stored prefix of the request, or an empty film."""
+        self.plan = work.plan(request["width"], request["height"], request["replicates"])
+        self.chunks, self.seconds, self.log = 0, 0.0, list[JsonDict]()
+        stored: memoryview | None = None
+        if request["prefix"] is not None:
+            header, records = unpack(folder.read(request["prefix"]))
+            self.chunks, self.seconds = header["chunks"], header["seconds"]
+            self.log, stored = header["log"], records[0]
+        self.fold = work.open_fold(self.plan, stored)
+
+    @property
+    def spp(self) -> int:
+        """Samples per pixel merged so far."""
+        return int(self.plan.boundary(self.chunks // self.plan.tiles))
+
+    def advance(self, source: ChunkSource) -> bool:
+        """Fold in the next whole range, if all its chunks are there."""
+        wanted = range(self.chunks, self.chunks + self.plan.tiles)
+        if not all(index in source for index in wanted):
+            return False
+        for index in wanted:
+            data, seconds = source.take(index)
+            self.fold.add(data)
+            self.seconds += seconds
+        self.chunks += self.plan.tiles
+        return True
+
+    def look(self) -> JsonDict:
+        """Return (and log) the estimate at this boundary."""
+        if self.log and self.log[-1]["spp"] == self.spp:
+            return self.log[-1]
+        row: JsonDict = self.fold.look(self.spp, self.seconds)
+        self.log.append(row)
+        return row
+
+    def header(self) -> JsonDict:
+        """Return what is stored beside the film."""
+        return {"spp": self.spp, "chunks": self.chunks, "seconds": self.seconds, "log": self.log}
+
+
+def merge(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+    """Merge what is there up to the first boundary that ends a job; return the new state.
+
+    `request`: width, height, replicates, prefix (digest or None), files, jobs (`id`, `stop`,
+    `spp_cap`, `fresh`: not looked at yet). The answer holds digest and size of the new prefix
+    (None when nothing was merged), chunks, facts, and `ended` jobs with reason.
+    """
+    prefix = Prefix(work, request, folder)
+    start = prefix.chunks
+    source = ChunkSource(folder, request["files"])
+    ended = _ended(work, prefix, request["jobs"]) if prefix.chunks else []
+    while not ended and prefix.advance(source):
+        if any(work.look_due(prefix.plan, job["stop"], prefix.spp) for job in request["jobs"]):
+            prefix.look()
+        ended = _ended(work, prefix, request["jobs"])
+    if ended and prefix.chunks:
+        prefix.look()
+    digest, size = None, 0
+    if prefix.chunks > start:
+        digest, size = folder.write(pack(prefix.header(), [prefix.fold.to_bytes()]))
+    facts = _facts(prefix)
+    for job in ended:
+        job |= facts
+    return {"digest": digest, "size": size, "chunks": prefix.chunks, "facts": facts, "ended": ended}
+
+
+def _ended(work: Any, prefix: Prefix, jobs: Sequence[JsonDict]) -> list[JsonDict]:
+    found = []
+    for job in jobs:
+        newest = prefix.log[-1] if prefix.log else None
+        if job["fresh"] and job["stop"].get("target_error"):
+            newest = prefix.look()
+        reason = work.stop_reason(prefix.plan, job["stop"], prefix.spp, prefix.seconds, newest)
+        if reason is None and prefix.spp >= job["spp_cap"]:
+            reason = "spp"
+        if reason is not None:
+            found.append({"job_id": job["id"], "reason": reason})
+    return found
+
+
+def _facts(prefix: Prefix) -> JsonDict:
+    row = prefix.log[-1] if prefix.log else {}
+    facts = {"spp": prefix.spp, "seconds": prefix.seconds}
+    return facts | {key: row.get(key) for key in ("relmse", "lower", "upper")}

@@ -1,0 +1,1 @@
+"""Alembic migrations of the job database, run at start from inside the package."""

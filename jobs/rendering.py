@@ -1,0 +1,58 @@
+"""Rendering claims inside a child: scenes kept by key, one thread per chunk, one file per claim."""
+
+from __future__ import annotations
+
+import time
+from collections import OrderedDict
+from concurrent.futures import ThreadPoolExecutor
+from typing import Any
+
+from matiere.jobs.artifacts import ArtifactFolder, pack
+from matiere.jobs.job import JsonDict
+
+KEPT_SCENES = 4  # built scenes kept per child, least recently used goes first
+
+
+class Renderer:
+    """Renders chunks of films; keeps the scenes it built."""
+
+    def __init__(self, work: Any, threads: int, slots: int) -> None:
+        """Start `threads` render threads."""
+        self._work, self._threads, self._slots = work, threads, slots
+        self._pool = ThreadPoolExecutor(threads, thread_name_prefix="render")
+        self._scenes: OrderedDict[str, Any] = OrderedDict()
+
+    def render(self, request: JsonDict, folder: ArtifactFolder, flag: Any) -> JsonDict | None:
+        """Render the claimed chunks into one artifact; None if cancelled meanwhile."""
+        start = time.monotonic()
+        scene = self._scene(request)
+        built = time.monotonic()
+
+        def one(index: int) -> tuple[bytes, float] | None:
+            begin = time.monotonic()
+            data = scene.render_chunk(index, flag)
+            return None if data is None else (data, time.monotonic() - begin)
+
+        results = list(self._pool.map(one, request["chunks"]))
+        done = [result for result in results if result is not None]
+        if len(done) < len(results):
+            return None
+        seconds = [thread_s / self._slots for _, thread_s in done]
+        header = {"film": request["film_key"], "chunks": request["chunks"], "seconds": seconds}
+        digest, size = folder.write(pack(header, [data for data, _ in done]))
+        now = time.monotonic()
+        return {"digest": digest, "size": size, "seconds": sum(seconds),
+                "build_s": built - start, "render_s": now - built}  # fmt: skip
+
+    def _scene(self, request: JsonDict) -> Any:
+        key = request["film_key"]
+        if key in self._scenes:
+            self._scenes.move_to_end(key)
+            return self._scenes[key]
+        scene = self._work.open_scene(
+            request["scene"], request["assets"], request["replicates"], self._threads
+        )
+        self._scenes[key] = scene
+        while len(self._scenes) > KEPT_SCENES:
+            self._scenes.popitem(last=False)
+        return scene

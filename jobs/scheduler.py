@@ -1,0 +1,458 @@
+"""The scheduler thread: hands chunks to children, takes their reports, decides what comes next.
+
+It owns every child process. Truth is the database: what this thread keeps in memory can be lost at
+any moment and is read back by the next instance.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import queue
+import shutil
+import signal
+import threading
+import time
+from collections import Counter
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+from matiere.jobs.artifacts import ArtifactFolder
+from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message, exit_class
+from matiere.jobs.datadir import DataDir
+from matiere.jobs.errors import DiskFull, StoreError
+from matiere.jobs.film_work import FilmWork
+from matiere.jobs.job import JobError, JsonDict
+from matiere.jobs.store import files, films, jobs
+from matiere.jobs.store.database import Database
+from matiere.jobs.store.files import Blob
+from matiere.jobs.store.films import Claim, Loss, Report
+from matiere.jobs.utility_queue import UtilityQueue
+
+log = logging.getLogger("matiere.jobs.scheduler")
+
+TICK_S = 0.2
+CLAIM_S = 1.0  # aimed render time of one claim
+FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
+PIPELINE = 2  # claims a child may hold: one at work, one waiting
+MOST_CHUNKS = 4096  # of one claim
+MAX_TRIES = 3
+MAX_LOSSES = 20
+TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
+RESTART_WAIT_S = (0.0, 0.0, 0.5, 1.0, 2.0, 5.0, 15.0)
+
+
+@dataclass
+class Held:
+    """A claim in a child's hands."""
+
+    token: int
+    film_id: int
+    chunks: list[int]
+    samples: int
+    sent: float
+    cancelled: float | None = None
+
+
+@dataclass(frozen=True)
+class Options:
+    """How the engine runs its children."""
+
+    children: int
+    threads: int
+    work: str
+    min_free_bytes: int
+    instance_id: str
+
+
+@dataclass
+class Slot:
+    """The place of one render child, refilled when the child dies."""
+
+    name: str
+    child: Child | None = None
+    failures: int = 0  # deaths since its last good report
+    not_before: float = 0.0
+
+
+@dataclass
+class Health:
+    """What readiness reports, replaced as a whole for other threads to read."""
+
+    disk_full_until: float = 0.0
+    disk_low: bool = False
+    draining: bool = False
+    stuck: str = ""
+    counters: Counter[str] = field(default_factory=Counter)
+
+
+class Scheduler(threading.Thread):
+    """Runs until `stop`; `wake` makes it look at the database again."""
+
+    def __init__(self, database: Database, data: DataDir, options: Options, work: Any) -> None:
+        """Prepare; `start` begins."""
+        super().__init__(name="matiere-scheduler", daemon=True)
+        self.db, self.data, self.options, self.work = database, data, options, work
+        self.inbox: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self.health = Health()
+        self.films: dict[int, FilmWork] = {}
+        self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
+        self.utility = UtilityQueue(self, Slot("utility"))
+        self._unsaved: list[Message] = []  # reports that met a full disk
+        self._rates: dict[str, float] = {}  # geometry key -> samples per second of one child
+        self._stopping = False
+        self._dirty = True  # the database changed: read queue and films again
+        self._garbage = True
+        self._checked = 0.0
+
+    # -- called from other threads --------------------------------------------------------------
+    def wake(self) -> None:
+        """Say that jobs were submitted or cancelled."""
+        self._dirty = True
+        self.inbox.put(None)
+
+    def stop(self) -> None:
+        """End the thread and its children."""
+        self._stopping = True
+        self.inbox.put(None)
+
+    def idle(self) -> bool:
+        """Tell whether no child holds work."""
+        return not any(s.child and s.child.inflight for s in self.slots) and not self.utility.busy
+
+    # -- the loop -------------------------------------------------------------------------------
+    def run(self) -> None:
+        """Loop; an error in one step is logged and the next round goes on."""
+        while not self._stopping:
+            try:
+                self._round()
+            except DiskFull as error:
+                self.pause_for_disk(str(error))
+            except StoreError:
+                log.exception("the job database refused a step; trying again")
+                time.sleep(TICK_S)
+            except Exception as error:
+                log.exception("a scheduling step failed; trying again")
+                self.health.stuck = f"{type(error).__name__}: {error}"
+                self._dirty = True
+                time.sleep(TICK_S)
+        self._end_children()
+
+    def _round(self) -> None:
+        self._receive()
+        now = time.monotonic()
+        self._keep_children(now)
+        self._check_disk(now)
+        if self._dirty:
+            self._dirty = False
+            self._read_queue(now)
+        if self._garbage and not self.disk_paused(now):
+            self._garbage = False
+            self._collect()
+        for film in list(self.films.values()):
+            if film.merge_due(now):
+                film.merging = True
+                self.utility.add_merge(film)
+        if not self.health.draining:
+            self.utility.dispatch(now)
+            if not self.health.disk_low and not self.disk_paused(now):
+                self._hand_out(now)
+
+    def _receive(self) -> None:
+        waiting, self._unsaved = self._unsaved, []
+        with contextlib.suppress(queue.Empty):
+            item = self.inbox.get(timeout=TICK_S)
+            while True:
+                if item is not None:
+                    waiting.append(item)
+                item = self.inbox.get_nowait()
+        for place, message in enumerate(waiting):
+            try:
+                self._handle(message)
+            except StoreError:
+                self._unsaved = waiting[place:]  # a report is kept until it is stored
+                raise
+
+    def _handle(self, message: Message) -> None:
+        child, body = message.child, message.body
+        if body["op"] == "hello":
+            child.ready = True
+        elif child is self.utility.slot.child:
+            self.utility.handle(body)
+        elif body["op"] == "exit":
+            self._child_ended(child, body["code"])
+        elif (held := child.inflight.get(body["token"])) is not None:
+            handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled}
+            handler[body["op"]](child, held, body)
+            child.inflight.pop(held.token, None)
+
+    # -- reports of render children -------------------------------------------------------------
+    def _done(self, child: Child, held: Held, body: JsonDict) -> None:
+        blob = Blob(body["digest"], body["size"])
+        if not self.folder.has(blob.digest, blob.size):
+            self._give_back(held, Loss(held.token, held.film_id, "lost", "file_missing"))
+            return
+        report = Report(held.token, held.film_id, blob, body["seconds"], held.samples)
+        accepted = self.db.write(lambda c: films.complete(c, report))
+        self.health.counters["claims_done" if accepted else "reports_superseded"] += 1
+        self._garbage |= not accepted
+        film = self.films.get(held.film_id)
+        self._slot_of(child).failures = 0
+        if film is None or not accepted:
+            return
+        self.health.counters["chunks_rendered"] += len(held.chunks)
+        for index in held.chunks:
+            film.claimed.pop(index, None)
+            film.done[index] = held.token
+        film.files[held.token] = blob
+        film.seconds += body["seconds"]
+        film.pixel_samples += held.samples
+        rate = held.samples / max(body["render_s"], 1e-4)
+        known = self._rates.get(film.row.geometry_key, rate)
+        self._rates[film.row.geometry_key] = 0.5 * (rate + known)
+
+    def _failed(self, child: Child, held: Held, body: JsonDict) -> None:
+        kind, message = body["error"], body["message"]
+        self.health.counters[f"failed_{kind}"] += 1
+        if kind == "disk_full":
+            self._give_back(held, Loss(held.token, held.film_id, "void", kind, message))
+            self.pause_for_disk(message)
+            return
+        tail = "" if body["permanent"] else child.log_tail()
+        loss = Loss(held.token, held.film_id, "failed", kind, message, tail)
+        self._give_back(held, loss)
+        error = JobError(kind, message, body["pointer"], tail)
+        if body["permanent"]:
+            self.fail_film(held.film_id, error)
+        else:
+            self._fail_if_hopeless(held, error)
+
+    def _cancelled(self, child: Child, held: Held, body: JsonDict) -> None:
+        self._give_back(held, Loss(held.token, held.film_id, "cancelled"))
+
+    def _give_back(self, held: Held, loss: Loss) -> None:
+        self.db.write(lambda c: films.give_back(c, loss))
+        if (film := self.films.get(held.film_id)) is not None:
+            film.put_back(held.chunks)
+            counted = {"failed": film.tries, "lost": film.losses}.get(loss.state, {})
+            for index in held.chunks:
+                counted[index] = counted.get(index, 0) + 1
+
+    def _fail_if_hopeless(self, held: Held, error: JobError) -> None:
+        film = self.films.get(held.film_id)
+        if film is None:
+            return
+        tries = max(film.tries.get(i, 0) for i in held.chunks)
+        losses = max(film.losses.get(i, 0) for i in held.chunks)
+        if tries >= MAX_TRIES or losses >= MAX_LOSSES:
+            times = max(tries, losses)
+            why = f"gave up after {times} attempts: {error.message}"
+            self.fail_film(held.film_id, replace(error, message=why))
+
+    def fail_film(self, film_id: int, error: JobError) -> None:
+        """End every job that waits for a film as failed."""
+        failed = self.db.write(lambda c: jobs.fail_film(c, film_id, error))
+        log.warning("film %d failed (%s): %s", film_id, error.code, error.message)
+        self.health.counters["jobs_failed"] += len(failed)
+        self._dirty = True
+        self.utility.sweeps_may_have_ended()
+
+    # -- children -------------------------------------------------------------------------------
+    @property
+    def folder(self) -> ArtifactFolder:
+        """Where artifacts lie."""
+        return self.data.artifacts
+
+    def start_child(self, slot: Slot, threads: int) -> None:
+        """Fill a slot with a new process (from this thread: children die with it)."""
+        options = ChildOptions(
+            slot.name,
+            self.folder.root,
+            self.data.logs,
+            self.options.work,
+            threads,
+            self.options.children * self.options.threads,
+        )
+        slot.child = Child(options, self.inbox)
+        self.health.counters["children_started"] += 1
+
+    def _keep_children(self, now: float) -> None:
+        for slot in (*self.slots, self.utility.slot):
+            if slot.child is None and now >= slot.not_before:
+                self.start_child(slot, self.options.threads)
+            elif slot.child is not None:
+                slot.child.tick(now)
+                self._press_cancels(slot.child, now)
+
+    def _slot_of(self, child: Child) -> Slot:
+        return next(slot for slot in self.slots if slot.child is child)
+
+    def retire(self, slot: Slot) -> None:
+        """Empty a slot after its child ended; wait longer each time it dies without success."""
+        if slot.child is not None:
+            slot.child.alive = False
+        slot.failures += 1
+        wait = RESTART_WAIT_S[min(slot.failures, len(RESTART_WAIT_S) - 1)]
+        slot.child, slot.not_before = None, time.monotonic() + wait
+
+    def _child_ended(self, child: Child, code: int) -> None:
+        kind, words = exit_class(code, child.killed)
+        tail = child.log_tail()
+        log.warning("%s (pid %d) %s", child.name, child.pid, words)
+        self.health.counters["children_lost"] += 1
+        for place, held in enumerate(list(child.inflight.values())):
+            guilty = place == 0 and held.cancelled is None  # the others had not begun
+            state = ("lost" if kind == "lost" else "failed") if guilty else "void"
+            self._give_back(held, Loss(held.token, held.film_id, state, kind, words, tail))
+            if guilty:
+                self._fail_if_hopeless(held, JobError(kind, words, "", tail))
+        child.inflight.clear()
+        if not child.ready:
+            self.health.stuck = f"{child.name} does not start ({words}); see {self.data.logs}"
+        self.retire(self._slot_of(child))
+
+    def _press_cancels(self, child: Child, now: float) -> None:
+        waits = [now - h.cancelled for h in child.inflight.values() if h.cancelled is not None]
+        if waits and max(waits) > KILL_AFTER_S:
+            child.kill()
+        elif waits and max(waits) > TERM_AFTER_S and not child.killed:
+            child.kill(signal.SIGTERM)
+
+    def _end_children(self) -> None:
+        running = [s.child for s in (*self.slots, self.utility.slot) if s.child is not None]
+        for child in running:
+            child.close()
+        for child in running:
+            if not child.wait(2.0):
+                child.kill()
+                child.wait(5.0)
+
+    # -- disk -----------------------------------------------------------------------------------
+    def pause_for_disk(self, why: str) -> None:
+        """Stop handing out work for a moment; nothing is lost meanwhile."""
+        log.warning("disk full, waiting: %s", why)
+        self.health.disk_full_until = time.monotonic() + 2.0
+
+    def disk_paused(self, now: float) -> bool:
+        """Tell whether a write met a full disk a moment ago."""
+        return now < self.health.disk_full_until
+
+    def _check_disk(self, now: float) -> None:
+        if now - self._checked > 1.0:
+            self._checked = now
+            free = shutil.disk_usage(self.data.root).free
+            self.health.disk_low = free < self.options.min_free_bytes
+
+    def _collect(self) -> None:
+        """Unlink files nobody refers to any more."""
+        while digests := self.db.read(files.pending_deletions):
+            for digest in digests:
+                self.folder.remove(digest)
+            self.db.write(lambda c, d=digests: files.forget_deleted(c, d))  # type: ignore[misc]
+
+    def garbage(self) -> None:
+        """Say that files may have lost their last reference."""
+        self._garbage = True
+
+    # -- work -----------------------------------------------------------------------------------
+    def _read_queue(self, now: float) -> None:
+        """Fill the window with the most urgent films and learn who waits for them."""
+        wanted = self.db.read(lambda c: films.next_films(c, 2 + 4 * self.options.children))
+        for film_id in wanted:
+            if film_id not in self.films:
+                row = self.db.read(lambda c, i=film_id: films.load_film(c, i))  # type: ignore[misc]
+                self.films[film_id] = FilmWork(row, self.work, now)
+        for film in list(self.films.values()):
+            film.jobs = self.db.read(lambda c, i=film.id: films.waiting_jobs(c, i))  # type: ignore[misc]
+            if not film.jobs:
+                self._abandon(film)
+        self.utility.read_queue()
+
+    def _abandon(self, film: FilmWork) -> None:
+        """Nobody waits for a film any more: stop its renders, drop what is not merged."""
+        now = time.monotonic()
+        for slot in self.slots:
+            for held in list(slot.child.inflight.values()) if slot.child else []:
+                if held.film_id == film.id and held.cancelled is None and slot.child:
+                    held.cancelled = now
+                    slot.child.send("cancel", token=held.token)
+        busy = any(
+            held.film_id == film.id
+            for slot in self.slots
+            for held in (slot.child.inflight.values() if slot.child else ())
+        )
+        if busy or film.merging:
+            self._dirty = True  # look again when the last report is in
+            return
+        self.db.write(lambda c: films.drop_unmerged(c, film.id))
+        self._garbage = True
+        del self.films[film.id]
+
+    def _hand_out(self, now: float) -> None:
+        for depth in range(1, PIPELINE + 1):
+            for slot in self.slots:
+                child = slot.child
+                if child is not None and child.ready and len(child.inflight) < depth:
+                    film = self._choose(child)
+                    if film is None:
+                        return
+                    self._claim(child, film, now)
+
+    def _choose(self, child: Child) -> FilmWork | None:
+        elsewhere = {
+            held.film_id
+            for slot in self.slots
+            if slot.child is not None and slot.child is not child
+            for held in slot.child.inflight.values()
+        }
+
+        def rank(film: FilmWork) -> tuple[int, int, str]:
+            if film.id in elsewhere:
+                tier = 3
+            elif film.key in child.seen:
+                tier = 0
+            else:
+                tier = 1 if film.row.geometry_key == child.geometry else 2
+            return (-film.priority, tier, film.jobs[0].id)
+
+        ready = [film for film in self.films.values() if film.jobs and film.available()]
+        return min(ready, key=rank, default=None)
+
+    def _claim(self, child: Child, film: FilmWork, now: float) -> None:
+        rate = self._rates.get(film.row.geometry_key)
+        aim = FIRST_CLAIM_SAMPLES if rate is None else rate * self._claim_seconds(film)
+        left = film.horizon() - film.prefix_chunks - len(film.done) - len(film.claimed)
+        most = MOST_CHUNKS
+        if sum(1 for f in self.films.values() if f.available()) <= 1:  # share the tail
+            most = max(self.options.threads, -(-left // (2 * self.options.children)))
+        chunks = film.take(aim, min(most, MOST_CHUNKS))
+        if not chunks:
+            return
+        claim = Claim(film.id, chunks, self.options.instance_id, child.pid, LEASE_S)
+        try:
+            token = self.db.write(lambda c: films.claim(c, claim))
+        except BaseException:
+            film.put_back(chunks)
+            raise
+        if token is None:  # cancelled a moment ago
+            film.put_back(chunks)
+            self._dirty = True
+            return
+        for index in chunks:
+            film.claimed[index] = token
+        samples = sum(film.samples(i) for i in chunks)
+        child.inflight[token] = Held(token, film.id, chunks, samples, now)
+        child.geometry = film.row.geometry_key
+        child.seen[film.key] = None
+        while len(child.seen) > 4:
+            child.seen.popitem(last=False)
+        row = film.row
+        child.send("render", token=token, film_key=film.key, scene=row.scene, assets=row.assets,
+                   replicates=row.replicates, chunks=chunks)  # fmt: skip
+
+    def _claim_seconds(self, film: FilmWork) -> float:
+        """Return the aimed length of a claim: shorter where a time limit is near."""
+        limits = [float(job.stop["seconds"]) for job in film.jobs if job.stop.get("seconds")]
+        if not limits:
+            return CLAIM_S
+        return max(0.05, min(CLAIM_S, 0.1 * max(limits)))

@@ -1,0 +1,1 @@
+"""The job database: the only modules that import SQLAlchemy (with `matiere.jobs.migrations`)."""

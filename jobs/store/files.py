@@ -1,0 +1,117 @@
+"""Rows of artifacts and who needs them. A file goes when nobody refers to it any more.
+
+Removal has three steps, so that a crash at any point leaves nothing wrong: the row is marked
+`deleting` in the transaction that drops the last reference, the file is unlinked after the commit,
+the row is dropped. `pending_deletions` at start repeats what a crash cut.
+"""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterable
+from dataclasses import dataclass
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from matiere.jobs.store.tables import artifact, reference
+
+
+@dataclass(frozen=True)
+class Blob:
+    """A file as a child reported it: SHA-256 (hex) and size in bytes."""
+
+    digest: str
+    size: int
+
+
+def add_reference(c: Connection, owner: tuple[str, object], kind: str, blob: Blob) -> None:
+    """Record `blob` as `kind` of `owner`, replacing what stood there."""
+    name, owner_id = owner[0], str(owner[1])
+    known = c.execute(
+        sa.update(artifact).where(artifact.c.digest == blob.digest).values(state="live")
+    )
+    if known.rowcount == 0:
+        c.execute(
+            sa.insert(artifact).values(
+                digest=blob.digest, size=blob.size, state="live", created=time.time()
+            )
+        )
+    drop_reference(c, owner, kind, keep=blob.digest)
+    held = c.scalar(
+        sa.select(reference.c.digest).where(
+            reference.c.owner == name,
+            reference.c.owner_id == owner_id,
+            reference.c.kind == kind,
+        )
+    )
+    if held is None:
+        c.execute(
+            sa.insert(reference).values(
+                owner=name, owner_id=owner_id, kind=kind, digest=blob.digest
+            )
+        )
+
+
+def drop_reference(
+    c: Connection, owner: tuple[str, object], kind: str | None = None, keep: str | None = None
+) -> None:
+    """Forget what `owner` refers to (one kind or all); mark files nobody needs as `deleting`."""
+    mine = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
+    if kind is not None:
+        mine &= reference.c.kind == kind
+    if keep is not None:
+        mine &= reference.c.digest != keep
+    digests = c.execute(sa.delete(reference).where(mine).returning(reference.c.digest)).scalars()
+    mark_unreferenced(c, digests.all())
+
+
+def mark_unreferenced(c: Connection, digests: Iterable[str]) -> None:
+    """Mark those of `digests` as `deleting` that no reference names."""
+    for digest in digests:
+        wanted = sa.exists().where(reference.c.digest == digest)
+        c.execute(
+            sa.update(artifact).where(artifact.c.digest == digest, ~wanted).values(state="deleting")
+        )
+
+
+def pending_deletions(c: Connection, limit: int = 1000) -> list[str]:
+    """Return digests whose files may be unlinked."""
+    rows = sa.select(artifact.c.digest).where(artifact.c.state == "deleting").limit(limit)
+    return list(c.execute(rows).scalars())
+
+
+def forget_deleted(c: Connection, digests: Iterable[str]) -> None:
+    """Drop the rows of unlinked files."""
+    c.execute(
+        sa.delete(artifact).where(
+            artifact.c.digest.in_(list(digests)), artifact.c.state == "deleting"
+        )
+    )
+
+
+def references_of(c: Connection, owner: str, owner_ids: Iterable[str]) -> dict[str, list[str]]:
+    """Return the kinds that each of `owner_ids` holds, sorted."""
+    rows = c.execute(
+        sa.select(reference.c.owner_id, reference.c.kind).where(
+            reference.c.owner == owner, reference.c.owner_id.in_(list(owner_ids))
+        )
+    )
+    kinds: dict[str, list[str]] = {}
+    for owner_id, kind in rows:
+        kinds.setdefault(owner_id, []).append(kind)
+    return {owner_id: sorted(found) for owner_id, found in kinds.items()}
+
+
+def find_reference(c: Connection, owner: tuple[str, object], kind: str) -> Blob | None:
+    """Return digest and size of one referenced file."""
+    row = c.execute(
+        sa.select(artifact.c.digest, artifact.c.size)
+        .join(reference, reference.c.digest == artifact.c.digest)
+        .where(
+            reference.c.owner == owner[0],
+            reference.c.owner_id == str(owner[1]),
+            reference.c.kind == kind,
+        )
+    ).first()
+    return Blob(row.digest, row.size) if row else None

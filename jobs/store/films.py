@@ -1,0 +1,363 @@
+"""Films in the database: claim chunks, complete or give them back, merge, start again.
+
+A claim makes an `attempt` row, whose id is the fencing token, and marks its chunks. Only the
+attempt that still holds a chunk can complete it; anything later is a superseded report.
+"""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from matiere.jobs.job import JsonDict
+from matiere.jobs.store.events import emit
+from matiere.jobs.store.files import Blob, add_reference, drop_reference
+from matiere.jobs.store.jobs import LIVE, end_job, start_jobs
+from matiere.jobs.store.tables import attempt, chunk, film, instance, job
+
+MISSING, CLAIMED, DONE = "missing", "claimed", "done"
+
+
+@dataclass(frozen=True)
+class WaitingJob:
+    """A live job that wants more samples of its film."""
+
+    id: str
+    priority: int
+    stop: JsonDict
+    spp_cap: int
+    prefix_spp_at_submit: int
+
+
+@dataclass(frozen=True)
+class FilmRow:
+    """A film as stored, with the chunks beyond its prefix and the jobs that wait for it."""
+
+    id: int
+    film_key: str
+    geometry_key: str
+    scene: JsonDict
+    assets: dict[str, str]
+    width: int
+    height: int
+    replicates: int
+    prefix: Blob | None
+    prefix_chunks: int
+    prefix_spp: int
+    done: dict[int, int]  # chunk index -> token of the attempt that made it
+    files: dict[int, Blob]  # token -> artifact
+    tries: dict[int, int]
+    losses: dict[int, int]
+    jobs: list[WaitingJob]
+
+
+@dataclass(frozen=True)
+class Claim:
+    """What a child was asked to render."""
+
+    film_id: int
+    chunks: Sequence[int]
+    instance_id: str
+    child: int
+    lease_s: float
+
+
+@dataclass(frozen=True)
+class Report:
+    """What a child made of a claim."""
+
+    token: int
+    film_id: int
+    blob: Blob
+    seconds: float  # thread seconds / slots
+    pixel_samples: int
+
+
+@dataclass(frozen=True)
+class Loss:
+    """How a claim ended without a result."""
+
+    token: int
+    film_id: int
+    state: str  # failed | lost | cancelled | void
+    error_class: str = ""
+    message: str = ""
+    log_tail: str = ""
+
+
+@dataclass(frozen=True)
+class Merged:
+    """A new prefix and the jobs it ends."""
+
+    film_id: int
+    old_chunks: int  # the prefix it was made from
+    new_chunks: int
+    prefix: Blob | None  # None: nothing new was merged
+    facts: JsonDict  # spp, seconds, relmse, lower, upper at the new prefix
+    ended: Sequence[Mapping[str, Any]]  # each job_id, reason, cached and facts
+
+
+# -- reading ----------------------------------------------------------------------------------
+def next_films(c: Connection, limit: int) -> list[int]:
+    """Return films that jobs wait for, most urgent first."""
+    rows = c.execute(
+        sa.select(job.c.film_id)
+        .where(job.c.state.in_(LIVE), job.c.ended_spp.is_(None))
+        .order_by(job.c.priority.desc(), job.c.id)
+        .limit(4 * limit)
+    ).scalars()
+    return list(dict.fromkeys(rows))[:limit]
+
+
+def waiting_jobs(c: Connection, film_id: int) -> list[WaitingJob]:
+    """Return the live jobs that still want samples of a film, oldest first."""
+    rows = c.execute(
+        sa.select(job)
+        .where(job.c.film_id == film_id, job.c.state.in_(LIVE), job.c.ended_spp.is_(None))
+        .order_by(job.c.id)
+    )
+    return [
+        WaitingJob(r.id, r.priority, json.loads(r.stop), r.spp_cap, r.prefix_spp_at_submit)
+        for r in rows
+    ]
+
+
+def load_film(c: Connection, film_id: int) -> FilmRow:
+    """Read a film with its unmerged chunks and waiting jobs."""
+    from matiere.jobs.store.files import find_reference
+    from matiere.jobs.store.tables import artifact
+
+    r = c.execute(sa.select(film).where(film.c.id == film_id)).one()
+    chunks = c.execute(sa.select(chunk).where(chunk.c.film_id == film_id)).all()
+    done = {k.idx: k.token for k in chunks if k.state == DONE}
+    files = c.execute(
+        sa.select(attempt.c.id, artifact.c.digest, artifact.c.size)
+        .join(artifact, artifact.c.digest == attempt.c.digest)
+        .where(attempt.c.film_id == film_id, attempt.c.state == "done")
+    )
+    return FilmRow(
+        id=r.id,
+        film_key=r.film_key,
+        geometry_key=r.geometry_key,
+        scene=json.loads(r.scene),
+        assets=json.loads(r.assets),
+        width=r.width,
+        height=r.height,
+        replicates=r.replicates,
+        prefix=find_reference(c, ("film", film_id), "prefix"),
+        prefix_chunks=r.prefix_chunks,
+        prefix_spp=r.prefix_spp,
+        done=done,
+        files={token: Blob(digest, size) for token, digest, size in files},
+        tries={k.idx: k.tries for k in chunks if k.tries},
+        losses={k.idx: k.losses for k in chunks if k.losses},
+        jobs=waiting_jobs(c, film_id),
+    )
+
+
+# -- claims -----------------------------------------------------------------------------------
+def claim(c: Connection, wanted: Claim) -> int | None:
+    """Give chunks to a child and return the token; None if one is taken or nobody waits."""
+    if not waiting_jobs(c, wanted.film_id):
+        return None
+    mine = (chunk.c.film_id == wanted.film_id) & chunk.c.idx.in_(list(wanted.chunks))
+    known = c.execute(sa.select(chunk.c.idx, chunk.c.state).where(mine)).all()
+    merged = c.scalar(sa.select(film.c.prefix_chunks).where(film.c.id == wanted.film_id)) or 0
+    if any(k.state != MISSING for k in known) or min(wanted.chunks) < merged:
+        return None
+    now = time.time()
+    token = c.execute(
+        sa.insert(attempt)
+        .values(
+            film_id=wanted.film_id,
+            instance_id=wanted.instance_id,
+            child=wanted.child,
+            chunks=len(wanted.chunks),
+            state="running",
+            created=now,
+            lease_until=now + wanted.lease_s,
+        )
+        .returning(attempt.c.id)
+    ).scalar_one()
+    c.execute(sa.update(chunk).where(mine).values(state=CLAIMED, token=token))
+    fresh = set(wanted.chunks) - {k.idx for k in known}
+    if fresh:
+        row = {"film_id": wanted.film_id, "state": CLAIMED, "token": token}
+        row |= {"tries": 0, "losses": 0}
+        c.execute(sa.insert(chunk), [row | {"idx": i} for i in sorted(fresh)])
+    start_jobs(c, wanted.film_id)
+    return int(token)
+
+
+def complete(c: Connection, report: Report) -> bool:
+    """Accept a claim's artifact; false (and counted) if the attempt no longer holds its chunks."""
+    held = c.execute(
+        sa.update(attempt)
+        .where(attempt.c.id == report.token, attempt.c.state == "running")
+        .values(state="done", digest=report.blob.digest, seconds=report.seconds, ended=time.time())
+    )
+    mine = (chunk.c.film_id == report.film_id) & (chunk.c.token == report.token)
+    if held.rowcount == 0:
+        c.execute(
+            sa.update(film)
+            .where(film.c.id == report.film_id)
+            .values(reports_superseded=film.c.reports_superseded + 1)
+        )
+        owner = ("orphan", report.token)  # let the collector see the file
+        add_reference(c, owner, "chunks", report.blob)
+        drop_reference(c, owner)
+        return False
+    accepted = c.execute(sa.update(chunk).where(mine, chunk.c.state == CLAIMED).values(state=DONE))
+    add_reference(c, ("attempt", report.token), "chunks", report.blob)
+    c.execute(
+        sa.update(film)
+        .where(film.c.id == report.film_id)
+        .values(
+            pixel_samples=film.c.pixel_samples + report.pixel_samples,
+            seconds=film.c.seconds + report.seconds,
+            chunks_rendered=film.c.chunks_rendered + accepted.rowcount,
+        )
+    )
+    for waiting in waiting_jobs(c, report.film_id):
+        emit(c, "progress", job_id=waiting.id, chunks=accepted.rowcount)
+    return True
+
+
+def give_back(c: Connection, loss: Loss) -> None:
+    """End an attempt without a result; its chunks are missing again."""
+    ended = c.execute(
+        sa.update(attempt)
+        .where(attempt.c.id == loss.token, attempt.c.state == "running")
+        .values(
+            state=loss.state,
+            error_class=loss.error_class or None,
+            error_message=loss.message or None,
+            log_tail=loss.log_tail or None,
+            ended=time.time(),
+        )
+    )
+    if ended.rowcount == 0:
+        return
+    mine = (chunk.c.film_id == loss.film_id) & (chunk.c.token == loss.token)
+    values: dict[str, Any] = {"state": MISSING}
+    if loss.state == "failed":
+        values["tries"] = chunk.c.tries + 1
+    if loss.state == "lost":
+        values["losses"] = chunk.c.losses + 1
+    c.execute(sa.update(chunk).where(mine, chunk.c.state == CLAIMED).values(values))
+
+
+def discard_file(c: Connection, film_id: int, token: int, pixel_samples: int) -> None:
+    """Forget a damaged chunk file: what it held is missing again."""
+    mine = (chunk.c.film_id == film_id) & (chunk.c.token == token)
+    c.execute(sa.update(chunk).where(mine, chunk.c.state == DONE).values(state=MISSING))
+    c.execute(sa.update(attempt).where(attempt.c.id == token).values(state="lost"))
+    c.execute(
+        sa.update(film)
+        .where(film.c.id == film_id)
+        .values(pixel_samples=film.c.pixel_samples - pixel_samples)
+    )
+    drop_reference(c, ("attempt", token))
+
+
+# -- merging ----------------------------------------------------------------------------------
+def commit_merge(c: Connection, merged: Merged) -> bool:
+    """Make the new prefix the film's, free the chunk files inside it, end jobs."""
+    current = c.scalar(sa.select(film.c.prefix_chunks).where(film.c.id == merged.film_id))
+    if current != merged.old_chunks:
+        return False
+    if merged.prefix is not None:
+        add_reference(c, ("film", merged.film_id), "prefix", merged.prefix)
+        c.execute(
+            sa.update(film)
+            .where(film.c.id == merged.film_id)
+            .values(
+                prefix_chunks=merged.new_chunks,
+                prefix_spp=merged.facts["spp"],
+                relmse=merged.facts["relmse"],
+                relmse_lower=merged.facts["lower"],
+                relmse_upper=merged.facts["upper"],
+            )
+        )
+        _free_chunks(c, merged)
+    prefix = merged.prefix or _stored_prefix(c, merged.film_id)
+    for ended in merged.ended:
+        end_job(c, ended["job_id"], ended, prefix)
+    for waiting in waiting_jobs(c, merged.film_id) if merged.prefix else []:
+        facts = {k: merged.facts[k] for k in ("spp", "relmse", "lower", "upper")}
+        emit(c, "look", job_id=waiting.id, **facts)
+    return True
+
+
+def _stored_prefix(c: Connection, film_id: int) -> Blob:
+    from matiere.jobs.store.files import find_reference
+
+    prefix = find_reference(c, ("film", film_id), "prefix")
+    assert prefix is not None
+    return prefix
+
+
+def _free_chunks(c: Connection, merged: Merged) -> None:
+    inside = (chunk.c.film_id == merged.film_id) & (chunk.c.idx < merged.new_chunks)
+    tokens = set(c.execute(sa.select(chunk.c.token).where(inside).distinct()).scalars())
+    c.execute(sa.delete(chunk).where(inside))
+    beyond = set(
+        c.execute(
+            sa.select(chunk.c.token)
+            .where(chunk.c.film_id == merged.film_id, chunk.c.token.in_(tokens))
+            .distinct()
+        ).scalars()
+    )
+    spent = tokens - beyond  # attempts whose every chunk is merged
+    done = sa.update(attempt).where(attempt.c.id.in_(spent), attempt.c.state == "done")
+    c.execute(done.values(state="merged"))
+    for token in spent:
+        drop_reference(c, ("attempt", token))
+
+
+def drop_unmerged(c: Connection, film_id: int) -> None:
+    """Forget chunks beyond the prefix of a film nobody waits for."""
+    if waiting_jobs(c, film_id):
+        return
+    done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
+    for token in c.execute(done.values(state="cancelled").returning(attempt.c.id)).scalars().all():
+        drop_reference(c, ("attempt", token))
+    c.execute(sa.delete(chunk).where(chunk.c.film_id == film_id))
+    merged = sa.update(film).where(film.c.id == film_id)
+    c.execute(merged.values(pixel_samples=film.c.width * film.c.height * film.c.prefix_spp))
+
+
+# -- starting again ---------------------------------------------------------------------------
+def void_dead(c: Connection, instance_id: str, pid: int) -> JsonDict:
+    """Take over from a dead instance: its claims are void at once. Return what was found."""
+    dead = c.execute(
+        sa.select(attempt.c.id, attempt.c.film_id).where(attempt.c.state == "running")
+    ).all()
+    voided = sum(
+        c.execute(sa.select(sa.func.count()).where(chunk.c.token == token)).scalar_one()
+        for token, _ in dead
+    )
+    for token, film_id in dead:
+        give_back(c, Loss(token, film_id, "void", "service_died"))
+    present = c.execute(
+        sa.select(sa.func.count()).select_from(chunk).where(chunk.c.state == DONE)
+    ).scalar_one()
+    now = time.time()
+    c.execute(sa.update(instance).where(instance.c.ended.is_(None)).values(ended=now))
+    c.execute(
+        sa.insert(instance).values(
+            id=instance_id, pid=pid, started=now, chunks_present=present, chunks_voided=voided
+        )
+    )
+    return {"claims_voided": len(dead), "chunks_voided": voided, "chunks_present": present}
+
+
+def end_instance(c: Connection, instance_id: str) -> None:
+    """Record that this instance closed in order."""
+    c.execute(sa.update(instance).where(instance.c.id == instance_id).values(ended=time.time()))

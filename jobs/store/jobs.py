@@ -1,0 +1,377 @@
+"""Jobs and sweeps in the database: submit, change state, end. The only writer of `job.state`."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+from uuid6 import uuid7
+
+from matiere.jobs.errors import IdempotencyConflict, JobNotFound
+from matiere.jobs.job import LIVE_STATES, JobError, JobState, JsonDict, check_transition
+from matiere.jobs.store.events import emit
+from matiere.jobs.store.files import Blob, add_reference, drop_reference
+from matiere.jobs.store.tables import film, idempotency, job, reference, sweep
+
+LIVE = [state.value for state in LIVE_STATES]
+
+
+_ENDED = (
+    "ended_spp",
+    "ended_seconds",
+    "ended_relmse",
+    "ended_relmse_lower",
+    "ended_relmse_upper",
+    "stop_reason",
+)
+
+
+@dataclass(frozen=True)
+class FilmSpec:
+    """What identifies and makes a film."""
+
+    film_key: str
+    geometry_key: str
+    scene: JsonDict
+    assets: dict[str, str]
+    width: int
+    height: int
+    replicates: int
+
+
+@dataclass(frozen=True)
+class JobSpec:
+    """A validated request."""
+
+    film: FilmSpec
+    stop: JsonDict
+    spp_cap: int
+    output: JsonDict
+    priority: int
+    label: str
+    sweep_id: str | None = None
+    cell: int | None = None
+    parameters: JsonDict = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class SweepSpec:
+    """A validated sweep; its cells follow as JobSpecs."""
+
+    label: str
+    mode: str
+    axes: list[JsonDict]
+    base: JsonDict
+    columns: int
+
+
+@dataclass(frozen=True)
+class Key:
+    """An idempotency key with the hash of the request it came with."""
+
+    key: str
+    body_hash: str
+
+
+def dumps(value: Any) -> str:
+    """Return compact JSON text; NaN and infinity are refused."""
+    return json.dumps(value, allow_nan=False, separators=(",", ":"))
+
+
+# -- submission -------------------------------------------------------------------------------
+def submit_job(c: Connection, spec: JobSpec, key: Key | None = None) -> str:
+    """Insert a job (and its film, if new) and return the id; a known key returns its job."""
+    if key is not None and (known := _replayed(c, key, "job")):
+        return known
+    job_id = _insert_job(c, spec)
+    if key is not None:
+        _remember(c, key, "job", job_id)
+    return job_id
+
+
+def submit_sweep(
+    c: Connection, spec: SweepSpec, cells: Sequence[JobSpec], key: Key | None = None
+) -> str:
+    """Insert a sweep and one job per cell, all in this transaction; return the sweep's id."""
+    if key is not None and (known := _replayed(c, key, "sweep")):
+        return known
+    sweep_id = str(uuid7())
+    c.execute(
+        sa.insert(sweep).values(
+            id=sweep_id,
+            label=spec.label,
+            mode=spec.mode,
+            axes=dumps(spec.axes),
+            base=dumps(spec.base),
+            cells=len(cells),
+            columns=spec.columns,
+            created=time.time(),
+        )
+    )
+    emit(c, "sweep_queued", sweep_id=sweep_id, cells=len(cells))
+    for cell in cells:
+        _insert_job(c, cell, sweep_id)
+    if key is not None:
+        _remember(c, key, "sweep", sweep_id)
+    return sweep_id
+
+
+def _replayed(c: Connection, key: Key, kind: str) -> str | None:
+    row = c.execute(sa.select(idempotency).where(idempotency.c.key == key.key)).first()
+    if row is None:
+        return None
+    if row.body_hash != key.body_hash or row.kind != kind:
+        raise IdempotencyConflict(f"Idempotency-Key {key.key!r} was used for another request")
+    return str(row.target_id)
+
+
+def _remember(c: Connection, key: Key, kind: str, target_id: str) -> None:
+    c.execute(
+        sa.insert(idempotency).values(
+            key=key.key,
+            body_hash=key.body_hash,
+            kind=kind,
+            target_id=target_id,
+            created=time.time(),
+        )
+    )
+
+
+def _find_or_add_film(c: Connection, spec: FilmSpec) -> tuple[int, int]:
+    row = c.execute(
+        sa.select(film.c.id, film.c.prefix_spp, film.c.state).where(
+            film.c.film_key == spec.film_key
+        )
+    ).first()
+    if row is not None:
+        if row.state == "failed":  # asked for again: the attempts start over
+            reopen_film(c, row.id)
+        return row.id, row.prefix_spp
+    result = c.execute(
+        sa.insert(film)
+        .values(
+            film_key=spec.film_key,
+            geometry_key=spec.geometry_key,
+            scene=dumps(spec.scene),
+            assets=dumps(spec.assets),
+            width=spec.width,
+            height=spec.height,
+            replicates=spec.replicates,
+            state="open",
+            created=time.time(),
+        )
+        .returning(film.c.id)
+    )
+    return int(result.scalar_one()), 0
+
+
+def reopen_film(c: Connection, film_id: int) -> None:
+    """Let a failed film be tried again."""
+    from matiere.jobs.store.tables import chunk
+
+    c.execute(sa.update(film).where(film.c.id == film_id).values(state="open"))
+    c.execute(sa.update(chunk).where(chunk.c.film_id == film_id).values(tries=0, losses=0))
+
+
+def _insert_job(c: Connection, spec: JobSpec, sweep_id: str | None = None) -> str:
+    film_id, prefix_spp = _find_or_add_film(c, spec.film)
+    job_id = str(uuid7())
+    cached = prefix_spp >= spec.spp_cap
+    c.execute(
+        sa.insert(job).values(
+            id=job_id,
+            film_id=film_id,
+            sweep_id=sweep_id,
+            cell=spec.cell,
+            parameters=dumps(spec.parameters),
+            state=JobState.QUEUED.value,
+            priority=spec.priority,
+            stop=dumps(spec.stop),
+            spp_cap=spec.spp_cap,
+            output=dumps(spec.output),
+            label=spec.label,
+            cached=cached,
+            prefix_spp_at_submit=prefix_spp,
+            created=time.time(),
+        )
+    )
+    emit(c, "queued", job_id=job_id, sweep_id=sweep_id, cached=cached)
+    _copy_results(c, job_id, film_id)
+    return job_id
+
+
+def _copy_results(c: Connection, job_id: str, film_id: int) -> None:
+    """End a job at once if an earlier one had the same film, stop rule and output."""
+    mine = c.execute(sa.select(job).where(job.c.id == job_id)).one()
+    twin = c.execute(
+        sa.select(job)
+        .where(
+            job.c.film_id == film_id,
+            job.c.state == JobState.SUCCEEDED.value,
+            job.c.output == mine.output,
+            job.c.stop == mine.stop,
+        )
+        .order_by(job.c.id.desc())
+        .limit(1)
+    ).first()
+    if twin is None:
+        return
+    c.execute(
+        sa.update(job)
+        .where(job.c.id == job_id)
+        .values({"cached": True} | {name: getattr(twin, name) for name in _ENDED})
+    )
+    files = c.execute(
+        sa.select(reference.c.kind, reference.c.digest).where(
+            reference.c.owner == "job", reference.c.owner_id == twin.id
+        )
+    ).all()
+    for kind, digest in files:
+        add_reference(c, ("job", job_id), kind, Blob(digest, 0))
+    set_state(c, job_id, JobState.SUCCEEDED)
+
+
+# -- state ------------------------------------------------------------------------------------
+def set_state(
+    c: Connection, job_id: str, new: JobState, error: JobError | None = None, **data: Any
+) -> None:
+    """Change a job's state along the table of transitions and log it."""
+    row = c.execute(sa.select(job.c.state, job.c.sweep_id).where(job.c.id == job_id)).first()
+    if row is None:
+        raise JobNotFound(f"no job {job_id}")
+    check_transition(JobState(row.state), new)
+    values: dict[str, Any] = {"state": new.value}
+    if new is JobState.RUNNING:
+        values["started"] = time.time()
+    if new.final:
+        values["finished"] = time.time()
+    if error is not None:
+        values |= {
+            "error_code": error.code,
+            "error_message": error.message,
+            "error_pointer": error.pointer,
+            "error_log": error.log_tail,
+        }
+        data |= {"code": error.code, "message": error.message, "pointer": error.pointer}
+    c.execute(sa.update(job).where(job.c.id == job_id).values(values))
+    emit(c, new.value, job_id=job_id, sweep_id=row.sweep_id, **data)
+
+
+def start_jobs(c: Connection, film_id: int) -> None:
+    """Mark the queued jobs of a film as running."""
+    rows = sa.select(job.c.id).where(job.c.film_id == film_id, job.c.state == JobState.QUEUED.value)
+    for job_id in c.execute(rows).scalars().all():
+        set_state(c, job_id, JobState.RUNNING)
+
+
+def cancel_job(c: Connection, job_id: str) -> bool:
+    """Cancel a live job; false if it had ended already."""
+    state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
+    if state is None:
+        raise JobNotFound(f"no job {job_id}")
+    if JobState(state).final:
+        return False
+    set_state(c, job_id, JobState.CANCELLED)
+    drop_reference(c, ("job", job_id))
+    return True
+
+
+def cancel_sweep(c: Connection, sweep_id: str) -> int:
+    """Cancel the live cells of a sweep; return how many."""
+    rows = sa.select(job.c.id).where(job.c.sweep_id == sweep_id, job.c.state.in_(LIVE))
+    found = c.execute(rows).scalars().all()
+    for job_id in found:
+        cancel_job(c, job_id)
+    return len(found)
+
+
+def fail_film(c: Connection, film_id: int, error: JobError) -> list[str]:
+    """Fail every job that still waits for samples of this film; return their ids."""
+    rows = sa.select(job.c.id).where(
+        job.c.film_id == film_id, job.c.state.in_(LIVE), job.c.ended_spp.is_(None)
+    )
+    found = list(c.execute(rows).scalars())
+    for job_id in found:
+        set_state(c, job_id, JobState.FAILED, error)
+    c.execute(sa.update(film).where(film.c.id == film_id).values(state="failed"))
+    return found
+
+
+def fail_job(c: Connection, job_id: str, error: JobError) -> None:
+    """Fail one job, if it still lives."""
+    state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
+    if state is not None and not JobState(state).final:
+        set_state(c, job_id, JobState.FAILED, error)
+        drop_reference(c, ("job", job_id))
+
+
+# -- ending -----------------------------------------------------------------------------------
+def end_job(c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob) -> None:
+    """Record that a job's stop rule fired; it keeps `prefix` until its images are made.
+
+    `facts` holds spp, seconds, relmse, lower, upper, reason and cached.
+    """
+    state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
+    if state is None or JobState(state).final:
+        return
+    if state == JobState.QUEUED.value:
+        set_state(c, job_id, JobState.RUNNING)
+    c.execute(
+        sa.update(job)
+        .where(job.c.id == job_id)
+        .values(
+            ended_spp=facts["spp"],
+            ended_seconds=facts["seconds"],
+            ended_relmse=facts["relmse"],
+            ended_relmse_lower=facts["lower"],
+            ended_relmse_upper=facts["upper"],
+            stop_reason=facts["reason"],
+            cached=facts["cached"],
+        )
+    )
+    add_reference(c, ("job", job_id), "film", prefix)
+
+
+def finish_job(c: Connection, job_id: str, files: Mapping[str, Blob]) -> bool:
+    """Attach the images and end the job as succeeded; false if it was cancelled meanwhile."""
+    state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
+    if state is None or JobState(state).final:
+        for blob in files.values():  # nobody wants them: let the collector see them
+            add_reference(c, ("orphan", job_id), "file", blob)
+            drop_reference(c, ("orphan", job_id))
+        return False
+    for kind, blob in files.items():
+        add_reference(c, ("job", job_id), kind, blob)
+    drop_reference(c, ("job", job_id), "film")
+    set_state(c, job_id, JobState.SUCCEEDED)
+    return True
+
+
+def finish_sweep(c: Connection, sweep_id: str, sheet: Blob | None) -> None:
+    """Record that a sweep has ended, with its contact sheet if one could be made."""
+    if sheet is not None:
+        add_reference(c, ("sweep", sweep_id), "contact-sheet.png", sheet)
+    c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(finished=time.time()))
+    emit(c, "sweep_finished", sweep_id=sweep_id)
+
+
+def finished_sweeps(c: Connection) -> list[str]:
+    """Return sweeps whose cells have all ended but which are not closed yet."""
+    live = sa.exists().where(job.c.sweep_id == sweep.c.id, job.c.state.in_(LIVE))
+    rows = sa.select(sweep.c.id).where(sweep.c.finished.is_(None), ~live)
+    return list(c.execute(rows).scalars())
+
+
+def jobs_to_develop(c: Connection) -> list[str]:
+    """Return jobs whose samples are complete and whose images are still to be made."""
+    rows = (
+        sa.select(job.c.id)
+        .where(job.c.state == JobState.RUNNING.value, job.c.ended_spp.is_not(None))
+        .order_by(job.c.priority.desc(), job.c.id)
+    )
+    return list(c.execute(rows).scalars())

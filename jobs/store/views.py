@@ -1,0 +1,181 @@
+"""Rows to the values of `matiere.jobs.job`, and lists of them."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+from typing import Any
+
+import sqlalchemy as sa
+from sqlalchemy.engine import Connection
+
+from matiere.jobs.errors import JobNotFound
+from matiere.jobs.job import Job, JobError, JobState, JsonDict, Sweep
+from matiere.jobs.store.files import references_of
+from matiere.jobs.store.tables import film, job, sweep
+
+_FILM = [
+    film.c.film_key,
+    film.c.width,
+    film.c.height,
+    film.c.prefix_spp,
+    film.c.pixel_samples,
+    film.c.seconds,
+    film.c.relmse,
+    film.c.relmse_lower,
+    film.c.relmse_upper,
+]
+
+
+def get_job(c: Connection, job_id: str) -> Job:
+    """Return one job. Raises JobNotFound."""
+    found = _jobs(c, sa.select(job, *_FILM).join(film).where(job.c.id == job_id))
+    if not found:
+        raise JobNotFound(f"no job {job_id}")
+    return found[0]
+
+
+def list_jobs(
+    c: Connection, state: JobState | None, sweep_id: str | None, after: str | None, limit: int
+) -> list[Job]:
+    """Return jobs newest first, or the cells of a sweep in order."""
+    rows = sa.select(job, *_FILM).join(film).limit(limit)
+    if state is not None:
+        rows = rows.where(job.c.state == state.value)
+    if sweep_id is None:
+        rows = rows.order_by(job.c.id.desc())
+        if after is not None:
+            rows = rows.where(job.c.id < after)
+        return _jobs(c, rows)
+    rows = rows.where(job.c.sweep_id == sweep_id).order_by(job.c.cell)
+    if after is not None:
+        last = sa.select(job.c.cell).where(job.c.id == after).scalar_subquery()
+        rows = rows.where(job.c.cell > last)
+    return _jobs(c, rows)
+
+
+def job_facts(c: Connection, job_id: str) -> JsonDict:
+    """Return what making a job's images needs beyond the Job: scene, output, chunk counters."""
+    row = c.execute(
+        sa.select(job.c.output, film)
+        .join(film, film.c.id == job.c.film_id)
+        .where(job.c.id == job_id)
+    ).one()
+    return {
+        "scene": json.loads(row.scene),
+        "output": json.loads(row.output),
+        "assets": json.loads(row.assets),
+        "width": row.width,
+        "height": row.height,
+        "replicates": row.replicates,
+        "chunks_rendered": row.chunks_rendered,
+        "reports_superseded": row.reports_superseded,
+    }
+
+
+def get_sweep(c: Connection, sweep_id: str) -> Sweep:
+    """Return one sweep with its counts. Raises JobNotFound."""
+    row = c.execute(sa.select(sweep).where(sweep.c.id == sweep_id)).first()
+    if row is None:
+        raise JobNotFound(f"no sweep {sweep_id}")
+    return _sweeps(c, [row])[0]
+
+
+def list_sweeps(c: Connection, after: str | None, limit: int) -> list[Sweep]:
+    """Return sweeps, newest first."""
+    rows = sa.select(sweep).order_by(sweep.c.id.desc()).limit(limit)
+    if after is not None:
+        rows = rows.where(sweep.c.id < after)
+    return _sweeps(c, c.execute(rows).all())
+
+
+def counts(c: Connection) -> dict[str, int]:
+    """Return the number of jobs in every state."""
+    rows = c.execute(sa.select(job.c.state, sa.func.count()).group_by(job.c.state)).all()
+    return {s.value: 0 for s in JobState} | {r[0]: r[1] for r in rows}
+
+
+def _jobs(c: Connection, query: sa.Select[Any]) -> list[Job]:
+    rows = c.execute(query).all()
+    kinds = references_of(c, "job", [r.id for r in rows])
+    return [_job(r, [k for k in kinds.get(r.id, []) if k != "film"]) for r in rows]
+
+
+def _job(r: Any, kinds: Sequence[str]) -> Job:
+    ended = r.ended_spp is not None
+    relmse, lower, upper = (
+        (r.ended_relmse, r.ended_relmse_lower, r.ended_relmse_upper)
+        if ended
+        else (r.relmse, r.relmse_lower, r.relmse_upper)
+    )
+    error = None
+    if r.error_code is not None:
+        error = JobError(r.error_code, r.error_message, r.error_pointer or "", r.error_log or "")
+    stop = json.loads(r.stop)
+    return Job(
+        id=r.id,
+        state=JobState(r.state),
+        label=r.label,
+        priority=r.priority,
+        stop=stop,
+        width=r.width,
+        height=r.height,
+        film_key=r.film_key,
+        cached=bool(r.cached),
+        created=r.created,
+        started=r.started,
+        finished=r.finished,
+        spp=r.ended_spp if ended else min(r.prefix_spp, r.spp_cap),
+        progress=_progress(r, stop),
+        seconds=r.ended_seconds if ended else r.seconds,
+        relmse=relmse,
+        relmse_interval=None if upper is None else (lower, upper),
+        stop_reason=r.stop_reason,
+        error=error,
+        sweep_id=r.sweep_id,
+        cell=r.cell,
+        parameters=json.loads(r.parameters),
+        artifacts=tuple(kinds),
+    )
+
+
+def _progress(r: Any, stop: JsonDict) -> float:
+    """Return the share of the way to the stop condition that is nearest."""
+    if r.state == JobState.SUCCEEDED.value:
+        return 1.0
+    if r.ended_spp is not None:
+        return 0.99
+    shares = [r.pixel_samples / (r.width * r.height * r.spp_cap)]
+    if stop.get("seconds"):
+        shares.append(r.seconds / stop["seconds"])
+    if stop.get("target_error") and r.relmse_upper:
+        shares.append(stop["target_error"]["relmse"] / r.relmse_upper)
+    return float(min(0.99, max(shares)))
+
+
+def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
+    ids = [r.id for r in rows]
+    kinds = references_of(c, "sweep", ids)
+    found: dict[str, dict[str, int]] = {i: {s.value: 0 for s in JobState} for i in ids}
+    grouped = (
+        sa.select(job.c.sweep_id, job.c.state, sa.func.count())
+        .where(job.c.sweep_id.in_(ids))
+        .group_by(job.c.sweep_id, job.c.state)
+    )
+    for sweep_id, state, n in c.execute(grouped):
+        found[sweep_id][state] = n
+    return [
+        Sweep(
+            id=r.id,
+            label=r.label,
+            mode=r.mode,
+            axes=json.loads(r.axes),
+            cells=r.cells,
+            counts=found[r.id],
+            created=r.created,
+            finished=r.finished,
+            columns=r.columns,
+            artifacts=tuple(kinds.get(r.id, [])),
+        )
+        for r in rows
+    ]

@@ -1,0 +1,184 @@
+"""From a request to rows: check the scene, pin its files, key its film. Touches no pixels."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+from matiere.errors import Fault, SceneValidationError
+from matiere.jobs import sweep as sweeps
+from matiere.jobs.datadir import DataDir
+from matiere.jobs.job import MAX_PRIORITY, MIN_PRIORITY, JsonDict
+from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
+
+STOP_KEYS = ("spp", "seconds", "target_error")
+BYTES_PER_SAMPLE_SUM = 32  # four doubles per pixel and replicate
+MAX_FAULTS = 100
+
+
+@dataclass(frozen=True)
+class Request:
+    """What the caller wants beside the scene."""
+
+    stop: Mapping[str, Any] | None
+    assets: Mapping[str, str]
+    priority: int
+    label: str
+
+
+class Submitter:
+    """Makes JobSpecs of scenes with the engine's work module."""
+
+    def __init__(self, data: DataDir, work: Any, max_film_bytes: int) -> None:
+        """Check scenes against `data`'s assets; refuse films larger than `max_film_bytes`."""
+        self._data, self._work, self._max_film_bytes = data, work, max_film_bytes
+
+    def job(self, scene: Mapping[str, Any], request: Request) -> JobSpec:
+        """Return the rows of one job. Raises SceneValidationError or AssetMissing."""
+        _check_request(request)
+        return self._specify(scene, request, self._files(request))
+
+    def sweep(
+        self,
+        base: Mapping[str, Any],
+        raw_axes: Sequence[Mapping[str, Any]],
+        request: Request,
+        mode: str,
+        columns: int | None,
+    ) -> tuple[SweepSpec, list[JobSpec]]:
+        """Return the rows of a sweep; every cell is checked, all faults are raised at once."""
+        _check_request(request)
+        axes = sweeps.parse_axes(raw_axes, base, mode)
+        files = self._files(request)
+        faults: dict[tuple[str, str], Fault] = {}
+        specs: list[JobSpec] = []
+        for cell in sweeps.expand(base, axes, mode):
+            mine = Request(request.stop, request.assets, request.priority, cell.label)
+            try:
+                spec = self._specify(cell.scene, mine, files, cell.index, cell.parameters)
+            except SceneValidationError as error:
+                for fault in error.faults:
+                    placed = _on_axis(fault, axes, raw_axes, cell)
+                    faults.setdefault((placed.pointer, placed.message), placed)
+                if len(faults) > MAX_FAULTS:
+                    break
+            else:
+                specs.append(spec)
+        if faults:
+            raise SceneValidationError(list(faults.values())[:MAX_FAULTS])
+        if columns is None:
+            columns = sweeps.guess_columns(axes, mode, len(specs))
+        plain = [
+            {"pointer": list(a.pointers), "label": a.label, "values": list(a.values),
+             "labels": list(a.labels)} for a in axes
+        ]  # fmt: skip
+        return SweepSpec(request.label, mode, plain, dict(base), columns), specs
+
+    def _files(self, request: Request) -> Any:
+        return self._work.asset_folder(self._data.view(request.assets), request.assets)
+
+    def _specify(
+        self,
+        scene: Mapping[str, Any],
+        request: Request,
+        files: Any,
+        cell: int | None = None,
+        parameters: JsonDict | None = None,
+    ) -> JobSpec:
+        for name in self._work.file_names(scene) if request.assets else ():
+            self._data.link_named(files.root, name)
+        try:
+            facts = self._work.inspect(_with_stop(scene, request.stop), files)
+        except SceneValidationError as error:
+            raise SceneValidationError([_on_stop(f, request.stop) for f in error.faults]) from None
+        size = facts["width"] * facts["height"] * facts["replicates"] * BYTES_PER_SAMPLE_SUM
+        if size > self._max_film_bytes:
+            why = (
+                f"a film of {facts['width']} x {facts['height']} pixels with "
+                f"{facts['replicates']} replicates needs {size / 2**30:.1f} GiB; "
+                f"this service allows {self._max_film_bytes / 2**30:.1f} GiB"
+            )
+            raise SceneValidationError([Fault("/film", "memory_limit", why)])
+        film = FilmSpec(
+            film_key=facts["film_key"],
+            geometry_key=facts["geometry_key"],
+            scene=facts["scene"],
+            assets={"root": str(files.root), "pins": facts["pins"]},
+            width=facts["width"],
+            height=facts["height"],
+            replicates=facts["replicates"],
+        )
+        plan = self._work.plan(film.width, film.height, film.replicates)
+        stop = facts["stop"]
+        return JobSpec(
+            film=film,
+            stop=stop,
+            spp_cap=int(plan.round_up(stop["spp"] or self._work.MAX_SPP)),
+            output=facts["output"],
+            priority=request.priority,
+            label=request.label,
+            cell=cell,
+            parameters=parameters or {},
+        )
+
+
+def body_hash(*parts: Any) -> str:
+    """Return a digest that tells two requests apart."""
+    text = json.dumps(parts, sort_keys=True, default=_plain, separators=(",", ":"))
+    return hashlib.sha256(text.encode()).hexdigest()
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if hasattr(value, "tolist") else dict(value)
+
+
+def _check_request(request: Request) -> None:
+    faults = []
+    if not MIN_PRIORITY <= request.priority <= MAX_PRIORITY:
+        why = f"priority is {MIN_PRIORITY} to {MAX_PRIORITY}, not {request.priority}"
+        faults.append(Fault("/priority", "out_of_range", why))
+    for key in request.stop or {}:
+        if key not in STOP_KEYS:
+            why = f"unknown key {key!r}; a stop rule has {', '.join(STOP_KEYS)}"
+            faults.append(Fault(f"/stop/{key}", "unknown_key", why))
+    if faults:
+        raise SceneValidationError(faults)
+
+
+def _with_stop(scene: Mapping[str, Any], stop: Mapping[str, Any] | None) -> JsonDict:
+    given = {key: value for key, value in (stop or {}).items() if value is not None}
+    render = scene.get("render", {})
+    if not given or not isinstance(render, Mapping):
+        return dict(scene)
+    return {**scene, "render": {**render, **given}}
+
+
+def _on_stop(fault: Fault, stop: Mapping[str, Any] | None) -> Fault:
+    """Point at `/stop/...` where the bad value came from there."""
+    for key in stop or {}:
+        at = f"/render/{key}"
+        if fault.pointer == at or fault.pointer.startswith(at + "/"):
+            moved = "/stop/" + fault.pointer.removeprefix("/render/")
+            return Fault(moved, fault.code, fault.message, fault.suggestion)
+    return fault
+
+
+def _on_axis(
+    fault: Fault,
+    axes: Sequence[sweeps.Axis],
+    raw: Sequence[Mapping[str, Any]],
+    cell: sweeps.Cell,
+) -> Fault:
+    """Point at the axis value that put the bad value into the scene."""
+    for number, axis in enumerate(axes):
+        for pointer in axis.pointers:
+            if fault.pointer == pointer or fault.pointer.startswith(pointer + "/"):
+                key = next(k for k in sweeps.SOURCES if k in raw[number])
+                inner = fault.pointer.removeprefix(pointer)
+                at = f"/axes/{number}/{key}"
+                at += f"/{cell.place[number]}{inner}" if key == "values" else ""
+                return Fault(at, fault.code, fault.message, fault.suggestion)
+    return fault

@@ -1,0 +1,297 @@
+"""Work for the utility child: merges first, then images of ended jobs, then contact sheets.
+
+The tasks follow from the database (jobs whose samples are complete, sweeps whose cells have ended),
+so a restart finds them again. One task runs at a time; one that kills its child is tried again.
+"""
+
+from __future__ import annotations
+
+import heapq
+import itertools
+import logging
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from matiere.jobs.film_work import FilmWork
+from matiere.jobs.job import JobError, JobState, JsonDict
+from matiere.jobs.store import files, films, jobs, views
+from matiere.jobs.store.files import Blob
+from matiere.jobs.store.films import Merged
+
+if TYPE_CHECKING:
+    from matiere.jobs.scheduler import Scheduler, Slot
+
+log = logging.getLogger("matiere.jobs.utility")
+
+MERGE, IMAGES, SHEET = 0, 1, 2
+NAMES = {MERGE: "merge", IMAGES: "images", SHEET: "sheet"}
+MAX_TRIES = 3
+
+
+@dataclass
+class Task:
+    """One request to the utility child."""
+
+    kind: int
+    key: int | str  # film, job or sweep
+    request: Callable[[], JsonDict | None]  # None: no longer wanted
+    tries: int = 0
+    old_chunks: int = 0  # merges: the prefix the request starts from
+    seen: tuple[str, ...] = ()  # merges: jobs whose stop rules the request holds
+
+
+class UtilityQueue:
+    """Tasks of the utility child, in the scheduler thread."""
+
+    def __init__(self, scheduler: Scheduler, slot: Slot) -> None:
+        """Serve `scheduler` with the child in `slot`."""
+        self.slot = slot
+        self._scheduler = scheduler
+        self._heap: list[tuple[int, int, Task]] = []
+        self._order = itertools.count()
+        self._tokens = itertools.count(1)
+        self._known: set[tuple[int, int | str]] = set()
+        self._current: tuple[int, Task] | None = None
+
+    @property
+    def busy(self) -> bool:
+        """Tell whether the child is at work."""
+        return self._current is not None
+
+    @property
+    def length(self) -> int:
+        """Tasks that wait."""
+        return len(self._heap)
+
+    # -- asking ---------------------------------------------------------------------------------
+    def add_merge(self, film: FilmWork) -> None:
+        """Ask for a merge of what the film has when its turn comes."""
+        task = Task(MERGE, film.id, film.merge_request)
+        self._add(task)
+
+    def read_queue(self) -> None:
+        """Find jobs to develop and sweeps to close."""
+        for job_id in self._scheduler.db.read(jobs.jobs_to_develop):
+            self._add(Task(IMAGES, job_id, lambda i=job_id: self._images_request(i)))  # type: ignore[misc]
+        self.sweeps_may_have_ended()
+
+    def sweeps_may_have_ended(self) -> None:
+        """Find sweeps whose cells have all ended."""
+        for sweep_id in self._scheduler.db.read(jobs.finished_sweeps):
+            self._add(Task(SHEET, sweep_id, lambda i=sweep_id: self._sheet_request(i)))  # type: ignore[misc]
+
+    def _add(self, task: Task) -> None:
+        if (task.kind, task.key) not in self._known:
+            self._known.add((task.kind, task.key))
+            heapq.heappush(self._heap, (task.kind, next(self._order), task))
+
+    def dispatch(self, now: float) -> None:
+        """Give the next task to the idle child."""
+        child = self.slot.child
+        if self._current is not None or child is None or not child.ready:
+            return
+        if self._scheduler.disk_paused(now):
+            return
+        while self._heap:
+            _, _, task = heapq.heappop(self._heap)
+            if task.kind == MERGE:
+                film = self._scheduler.films.get(int(task.key))
+                task.old_chunks = film.prefix_chunks if film else 0
+            request = task.request()
+            if request is None:
+                self._known.discard((task.kind, task.key))
+                continue
+            task.seen = tuple(job["id"] for job in request.get("jobs", ()))
+            token = next(self._tokens)
+            self._current = (token, task)
+            child.send(NAMES[task.kind], token=token, **request)
+            return
+
+    # -- answers --------------------------------------------------------------------------------
+    def handle(self, body: JsonDict) -> None:
+        """Take a report (or the exit) of the utility child."""
+        if body["op"] == "exit":
+            self._ended(body["code"])
+            return
+        if self._current is None or body.get("token") != self._current[0]:
+            return
+        task = self._current[1]
+        if body["op"] == "done":
+            handler = {MERGE: self._merged, IMAGES: self._developed, SHEET: self._drawn}
+            if not handler[task.kind](task, body):
+                self._again(task, "file_missing", "a file that was just written is gone", "")
+                return
+            self._finish(task)
+            self.slot.failures = 0
+        elif body["error"] == "disk_full":
+            self._requeue(task)
+            self._scheduler.pause_for_disk(body["message"])
+        elif body["error"] == "damaged_file" and task.kind == MERGE:
+            self._render_again(task, body)
+        elif body["permanent"]:
+            self._give_up(task, JobError(body["error"], body["message"], body["pointer"]))
+        else:
+            tail = self.slot.child.log_tail() if self.slot.child else ""
+            self._again(task, body["error"], body["message"], tail)
+
+    def _finish(self, task: Task) -> None:
+        self._known.discard((task.kind, task.key))
+        self._current = None
+
+    def _requeue(self, task: Task) -> None:
+        self._current = None
+        heapq.heappush(self._heap, (task.kind, next(self._order), task))
+
+    def _again(self, task: Task, kind: str, message: str, tail: str) -> None:
+        task.tries += 1
+        if task.tries < MAX_TRIES:
+            self._requeue(task)
+        else:
+            why = f"gave up after {task.tries} attempts to {NAMES[task.kind]}: {message}"
+            self._give_up(task, JobError(kind, why, "", tail))
+
+    def _give_up(self, task: Task, error: JobError) -> None:
+        log.warning("%s of %s failed: %s", NAMES[task.kind], task.key, error.message)
+        db = self._scheduler.db
+        if task.kind == MERGE:
+            if (film := self._scheduler.films.get(int(task.key))) is not None:
+                film.merging = False
+            self._scheduler.fail_film(int(task.key), error)
+        elif task.kind == IMAGES:
+            db.write(lambda c: jobs.fail_job(c, str(task.key), error))
+        else:
+            db.write(lambda c: jobs.finish_sweep(c, str(task.key), None))
+        self._scheduler.garbage()
+        self._finish(task)
+        self.sweeps_may_have_ended()
+
+    def _ended(self, code: int) -> None:
+        from matiere.jobs.children import exit_class
+
+        assert self.slot.child is not None
+        kind, words = exit_class(code, self.slot.child.killed)
+        tail = self.slot.child.log_tail()
+        log.warning("utility child (pid %d) %s", self.slot.child.pid, words)
+        self._scheduler.health.counters["children_lost"] += 1
+        if not self.slot.child.ready:
+            where = self._scheduler.data.logs
+            self._scheduler.health.stuck = f"the utility child does not start; see {where}"
+        self._scheduler.retire(self.slot)
+        if self._current is not None:
+            task = self._current[1]
+            task.tries -= kind == "lost"  # not the task's fault
+            self._again(task, kind, words, tail)
+
+    # -- merges ---------------------------------------------------------------------------------
+    def _merged(self, task: Task, body: JsonDict) -> bool:
+        s = self._scheduler
+        film_id = int(task.key)
+        prefix = Blob(body["digest"], body["size"]) if body["digest"] else None
+        if prefix is not None and not s.folder.has(prefix.digest, prefix.size):
+            return False
+        film = s.films.get(film_id)
+        joined = {job.id: job.prefix_spp_at_submit for job in film.jobs} if film else {}
+        for ended in body["ended"]:
+            ended["cached"] = 0 < ended["spp"] <= joined.get(ended["job_id"], 0)
+        merged = Merged(
+            film_id, task.old_chunks, body["chunks"], prefix, body["facts"], body["ended"]
+        )
+        accepted = s.db.write(lambda c: films.commit_merge(c, merged))
+        if film is not None:
+            film.adopt(prefix if accepted else None, body["chunks"], task.seen)
+        s.health.counters["merges"] += 1
+        s.garbage()
+        if body["ended"]:
+            s.wake()
+        return True
+
+    def _render_again(self, task: Task, body: JsonDict) -> None:
+        s = self._scheduler
+        film = s.films.get(int(task.key))
+        self._finish(task)
+        if film is None:
+            return
+        film.merging = False
+        owned = {token: [i for i, t in film.done.items() if t == token] for token in film.files}
+        for token in film.forget_file(body["digest"]):
+            lost = sum(film.samples(i) for i in owned[token])
+            s.db.write(lambda c, t=token, n=lost: films.discard_file(c, film.id, t, n))  # type: ignore[misc]
+        log.warning("film %d: %s; rendering those chunks again", film.id, body["message"])
+        s.health.counters["files_damaged"] += 1
+        s.garbage()
+
+    # -- images ---------------------------------------------------------------------------------
+    def _images_request(self, job_id: str) -> JsonDict | None:
+        def read(c: Any) -> JsonDict | None:
+            job = views.get_job(c, job_id)
+            film = files.find_reference(c, ("job", job_id), "film")
+            if job.state is not JobState.RUNNING or film is None:
+                return None
+            facts = views.job_facts(c, job_id)
+            return facts | {
+                "film": film.digest,
+                "job": {
+                    "id": job.id,
+                    "label": job.label,
+                    "stop": job.stop,
+                    "stop_reason": job.stop_reason,
+                    "cached": job.cached,
+                    "film_key": job.film_key,
+                    "spp": job.spp,
+                    "seconds": job.seconds,
+                    "parameters": job.parameters,
+                    "sweep_id": job.sweep_id,
+                    "cell": job.cell,
+                },
+            }
+
+        return self._scheduler.db.read(read)
+
+    def _developed(self, task: Task, body: JsonDict) -> bool:
+        s = self._scheduler
+        made = {kind: Blob(digest, size) for kind, (digest, size) in body["files"].items()}
+        if not all(s.folder.has(b.digest, b.size) for b in made.values()):
+            return False
+        s.db.write(lambda c: jobs.finish_job(c, str(task.key), made))
+        s.health.counters["jobs_succeeded"] += 1
+        s.garbage()
+        self.sweeps_may_have_ended()
+        return True
+
+    # -- sheets ---------------------------------------------------------------------------------
+    def _sheet_request(self, sweep_id: str) -> JsonDict | None:
+        def read(c: Any) -> JsonDict:
+            sweep = views.get_sweep(c, sweep_id)
+            cells = []
+            for job in views.list_jobs(c, None, sweep_id, None, sweep.cells):
+                image = files.find_reference(c, ("job", job.id), "image.png")
+                cells.append(
+                    {
+                        "image": image.digest if image else None,
+                        "state": job.state.value,
+                        "label": job.label,
+                        "parameters": job.parameters,
+                        "spp": job.spp,
+                        "seconds": job.seconds,
+                        "relmse": job.relmse,
+                        "interval": list(job.relmse_interval) if job.relmse_interval else None,
+                    }
+                )
+            return {
+                "cells": cells,
+                "columns": sweep.columns,
+                "title": sweep.label,
+                "axes": sweep.axes,
+                "mode": sweep.mode,
+            }
+
+        return self._scheduler.db.read(read)
+
+    def _drawn(self, task: Task, body: JsonDict) -> bool:
+        s = self._scheduler
+        sheet = Blob(body["digest"], body["size"])
+        if not s.folder.has(sheet.digest, sheet.size):
+            return False
+        s.db.write(lambda c: jobs.finish_sweep(c, str(task.key), sheet))
+        return True
