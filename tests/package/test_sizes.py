@@ -35,6 +35,8 @@ def test_no_file_is_longer_than_600_lines() -> None:
 def test_no_python_function_is_longer_than_80_lines() -> None:
     long = []
     for path in _sources(".py"):
+        if "versions" in path.parts:
+            continue  # a migration is a frozen list of tables, not logic
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 lines = (node.end_lineno or node.lineno) - node.lineno + 1
