@@ -47,7 +47,36 @@ _HOMES = {
 }
 _MODULES = ("chunks", "errors")
 
-__all__ = ["__version__", *sorted((*_HOMES, *_MODULES))]
+__all__ = [
+    "AssetChanged",
+    "Cancelled",
+    "ColourError",
+    "Film",
+    "FilmError",
+    "ImageError",
+    "MatiereError",
+    "MemoryLimitError",
+    "RenderError",
+    "Scene",
+    "SceneModel",
+    "SceneValidationError",
+    "__version__",
+    "bsdf",
+    "chunks",
+    "develop",
+    "errors",
+    "film_key",
+    "info",
+    "load",
+    "load_film",
+    "loads",
+    "materials",
+    "metals",
+    "read_image",
+    "render",
+    "schema",
+    "write_image",
+]
 
 
 def __getattr__(name: str) -> Any:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from functools import lru_cache
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -91,7 +92,7 @@ def _config(name: str) -> Any:
     import PyOpenColorIO as ocio
 
     source = f"ocio://{name}" if name in builtin_configs() else name
-    if source == name and not name.startswith("ocio://") and not os.path.isfile(name):
+    if source == name and not name.startswith("ocio://") and not Path(name).is_file():
         raise _unknown("config", name, builtin_configs())
     try:
         return ocio.Config.CreateFromFile(source)
@@ -111,7 +112,9 @@ def _view_space(config: Any, display: str, view: str) -> None:
 
 def _unknown(what: str, name: str, known: list[str], where: str = "") -> ColourError:
     message, _ = choose(f"the {what}", name, known)
-    return ColourError(message.replace(" is not known", f"{where} is not known"), pointer=f"/{what}")
+    return ColourError(
+        message.replace(" is not known", f"{where} is not known"), pointer=f"/{what}"
+    )
 
 
 @lru_cache(maxsize=16)

@@ -121,7 +121,7 @@ def atomic_file(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield temporary
         _sync(temporary)
         temporary.chmod(0o666 & ~_umask())
-        os.replace(temporary, final)
+        temporary.replace(final)
         _sync(final.parent)
     except OSError as error:
         raise ImageError(f"cannot write {str(final)!r}: {error.strerror or error}") from None
@@ -252,7 +252,7 @@ def write_image(
             pixels, names = pixels[:, :, :3], names[:3]
         write_stored(path, Stored(quantise(pixels, depth), names, notes), _TYPES[depth])
         return
-    if is_film and not asked:
+    if not isinstance(film, np.ndarray) and not asked:
         error = np.asarray(film.standard_error, np.float32) * np.float32(2.0**exposure)
         pixels = np.concatenate([pixels, error], axis=2)
         names += [f"standard_error.{c}" for c in "RGB"]
@@ -261,7 +261,9 @@ def write_image(
 
 def _depth(suffix: str, bit_depth: int | None) -> int:
     if suffix not in _DEPTHS:
-        raise ImageError(f"cannot write {suffix or 'a file without ending'}; use .png, .jpg or .exr")
+        raise ImageError(
+            f"cannot write {suffix or 'a file without ending'}; use .png, .jpg or .exr"
+        )
     allowed = _DEPTHS[suffix]
     if bit_depth is None:
         return allowed[0]

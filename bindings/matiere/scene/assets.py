@@ -13,8 +13,8 @@ import re
 import stat
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from io import BufferedReader
 from pathlib import Path
-from typing import BinaryIO
 
 from matiere.errors import AssetChanged, Fault, SceneValidationError
 
@@ -143,5 +143,5 @@ def unsafe(name: str) -> str | None:
     return None
 
 
-def _open(path: Path) -> BinaryIO:
+def _open(path: Path) -> BufferedReader:
     return os.fdopen(os.open(path, os.O_RDONLY | os.O_CLOEXEC | os.O_NOFOLLOW), "rb")

@@ -14,6 +14,7 @@ import numpy as np
 from pydantic import (
     BaseModel,
     ConfigDict,
+    Field,
     ModelWrapValidatorHandler,
     PlainValidator,
     ValidationError,
@@ -32,7 +33,9 @@ def fault(code: str, message: str, suggestion: str | None = None) -> PydanticCus
     """Return a fault that a validator can raise; `code` must be listed in `CODES`."""
     assert code in CODES, code
     return PydanticCustomError(
-        code, "{message}", {"message": message, **({"suggestion": suggestion} if suggestion else {})}
+        code,
+        "{message}",
+        {"message": message, **({"suggestion": suggestion} if suggestion else {})},
     )
 
 
@@ -213,7 +216,9 @@ def color(value: Any) -> tuple[float, ...]:
         return result
     result = numbers(value, 3, "a number or [r, g, b]")
     if bad := [(i, x) for i, x in enumerate(result) if x < 0]:
-        raise faults(((i,), fault("out_of_range", f"must be at least 0, got {x:g}")) for i, x in bad)
+        raise faults(
+            ((i,), fault("out_of_range", f"must be at least 0, got {x:g}")) for i, x in bad
+        )
     return result
 
 
@@ -227,6 +232,7 @@ def _triple_schema(minimum: float | None = None) -> dict[str, Any]:
 VEC3_SCHEMA = _triple_schema()
 COLOR_SCHEMA = {"anyOf": [{"type": "number", "minimum": 0}, _triple_schema(0)]}
 
+Name = Annotated[str, Field(min_length=1)]
 Float3 = tuple[float, float, float]
 Vec3 = Annotated[Float3, PlainValidator(vec3), WithJsonSchema(VEC3_SCHEMA)]
 Direction = Annotated[Float3, PlainValidator(direction), WithJsonSchema(VEC3_SCHEMA)]
@@ -266,8 +272,11 @@ def rows(columns: int, integer: bool = False) -> Callable[[Any], Any]:
             raise fault("wrong_length", f"expected {what}, got an empty list")
         array = _as_array(value)
         wanted = "iu" if integer else "iuf"
-        if array is None or array.ndim != 2 or array.shape[1] != columns or (
-            array.dtype.kind not in wanted
+        if (
+            array is None
+            or array.ndim != 2
+            or array.shape[1] != columns
+            or (array.dtype.kind not in wanted)
         ):
             bad = [] if isinstance(value, np.ndarray) else _bad_elements(value, columns, integer)
             if bad:
@@ -292,7 +301,10 @@ def _finite(array: np.ndarray[Any, Any], integer: bool) -> np.ndarray[Any, Any]:
     bad = np.argwhere(~(np.abs(result) <= FLOAT_MAX))
     if len(bad):
         raise faults(
-            (tuple(int(i) for i in at), fault("not_finite", f"must be finite, got {result[tuple(at)]}"))
+            (
+                tuple(int(i) for i in at),
+                fault("not_finite", f"must be finite, got {result[tuple(at)]}"),
+            )
             for at in bad[:5]
         )
     return result
@@ -332,12 +344,8 @@ def _rows_schema(columns: int, kind: str) -> dict[str, Any]:
     return {"type": "array", "items": row, "minItems": 1}
 
 
-Points = Annotated[
-    Array, PlainValidator(rows(3)), WithJsonSchema(_rows_schema(3, "number"))
-]
-Points2 = Annotated[
-    Array, PlainValidator(rows(2)), WithJsonSchema(_rows_schema(2, "number"))
-]
+Points = Annotated[Array, PlainValidator(rows(3)), WithJsonSchema(_rows_schema(3, "number"))]
+Points2 = Annotated[Array, PlainValidator(rows(2)), WithJsonSchema(_rows_schema(2, "number"))]
 Triangles = Annotated[
     Array, PlainValidator(rows(3, integer=True)), WithJsonSchema(_rows_schema(3, "integer"))
 ]

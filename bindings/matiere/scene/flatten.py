@@ -16,18 +16,12 @@ from numpy.typing import NDArray
 from matiere.errors import Fault, MatiereError, SceneValidationError, pointer
 from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
+from matiere.scene.camera import PinholeCamera, ThinLensCamera
+from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
 from matiere.scene.materials import MaterialModel, TextureRef
 from matiere.scene.meshes import MAX_COORDINATE, PlacedMesh, clean, load_mesh
-from matiere.scene.model import (
-    DirectionalLight,
-    MeshShape,
-    PinholeCamera,
-    PointLight,
-    RectangleLight,
-    SceneModel,
-    SphereShape,
-    ThinLensCamera,
-)
+from matiere.scene.model import SceneModel
+from matiere.scene.shapes import MeshShape, SphereShape
 from matiere.scene.textures import load_environment, load_texture, place
 
 if TYPE_CHECKING:
@@ -113,9 +107,7 @@ def scene_center(model: SceneModel, meshes: list[PlacedMesh]) -> Vector:
     return np.asarray(np.where(np.abs(middle) <= size, 0.0, middle), np.float64)
 
 
-def _read_meshes(
-    model: SceneModel, assets: AssetRoot, work: _Work
-) -> list[tuple[int, PlacedMesh]]:
+def _read_meshes(model: SceneModel, assets: AssetRoot, work: _Work) -> list[tuple[int, PlacedMesh]]:
     found: list[tuple[int, PlacedMesh]] = []
     for index, shape in enumerate(model.shapes):
         if not isinstance(shape, MeshShape):

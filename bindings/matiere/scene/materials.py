@@ -15,7 +15,6 @@ from pydantic import Field, PlainValidator, TypeAdapter, WithJsonSchema, create_
 
 from matiere.materials import metals
 from matiere.scene.checks import (
-    COLOR_SCHEMA,
     Line,
     Node,
     choose,
@@ -279,6 +278,4 @@ def check_material(value: Any) -> MaterialModel:
     return made
 
 
-Material = Annotated[
-    MaterialModel, PlainValidator(_material), WithJsonSchema({"type": "object"})
-]
+Material = Annotated[MaterialModel, PlainValidator(_material), WithJsonSchema({"type": "object"})]

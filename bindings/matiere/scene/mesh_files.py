@@ -209,9 +209,7 @@ def _one_mesh_per_primitive(header: dict[str, Any]) -> Labels:
             material = primitive.get("material")
             label = f"n{index}p{number}"
             clean = {k: v for k, v in primitive.items() if k in ("attributes", "indices", "mode")}
-            header["meshes"].append(
-                {"name": label, "primitives": [{**clean, "material": 0}]}
-            )
+            header["meshes"].append({"name": label, "primitives": [{**clean, "material": 0}]})
             nodes.append({"name": label, "mesh": len(header["meshes"]) - 1})
             node.setdefault("children", []).append(len(nodes) - 1)
             parts[label] = (names, None if material is None else called[material])

@@ -11,25 +11,11 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
-from matiere.scene.checks import (
-    Color,
-    Direction,
-    Float3,
-    Line,
-    Node,
-    Pixels,
-    Points,
-    Points2,
-    Triangles,
-    Vec3,
-    fault,
-    number,
-    numbers,
-    shown,
-    tagged,
-    vec3,
-)
+from matiere.scene.camera import Camera
+from matiere.scene.checks import Line, Name, Node, fault, numbers, shown
+from matiere.scene.lights import Environment, Light, Texture
 from matiere.scene.materials import Material
+from matiere.scene.shapes import Shape
 
 VERSION = 1
 MAX_PIXELS = 2**28
@@ -40,52 +26,6 @@ DEFAULT_SPP = 64
 DEFAULT_CONFIG = "studio-config-v4.0.0_aces-v2.0_ocio-v2.5"
 DEFAULT_DISPLAY = "sRGB - Display"
 DEFAULT_VIEW = "ACES 2.0 - SDR 100 nits (Rec.709)"
-
-Name = Annotated[str, Field(min_length=1)]
-
-
-class _Camera(Node):
-    origin: Vec3 = Field(description="position of the camera, metres")
-    target: Vec3 = Field(description="point the camera looks at, metres")
-    up: Direction = Field((0.0, 1.0, 0.0), description="direction that is up in the image")
-    vfov_deg: float = Field(
-        40.0, gt=0, lt=180, description="vertical field of view of the whole film, degrees"
-    )
-
-    def problems(self) -> Iterable[Line]:
-        forward = [b - a for a, b in zip(self.origin, self.target, strict=True)]
-        if not any(forward):
-            yield ("target",), fault("degenerate", "must differ from the camera's origin")
-        elif _parallel(forward, self.up):
-            yield ("up",), fault("degenerate", "must not be parallel to the viewing direction")
-
-
-class PinholeCamera(_Camera):
-    """A camera with everything in focus."""
-
-    type: Literal["pinhole"]
-
-
-class ThinLensCamera(_Camera):
-    """A camera with depth of field (a lens of `aperture_radius`, focused at `focus_distance`)."""
-
-    type: Literal["thin_lens"]
-    aperture_radius: float = Field(ge=0, description="radius of the lens, metres; 0 is a pinhole")
-    focus_distance: float = Field(
-        gt=0, description="distance of the plane in focus along the viewing direction, metres"
-    )
-
-
-CAMERAS = {"pinhole": PinholeCamera, "thin_lens": ThinLensCamera}
-Camera = Annotated[
-    PinholeCamera | ThinLensCamera,
-    PlainValidator(
-        tagged("type", CAMERAS, "camera type"),
-        json_schema_input_type=Annotated[
-            PinholeCamera | ThinLensCamera, Field(discriminator="type")
-        ],
-    ),
-]
 
 
 def _crop(value: Any) -> tuple[int, ...]:
@@ -98,9 +38,7 @@ def _crop(value: Any) -> tuple[int, ...]:
 Crop = Annotated[
     tuple[int, int, int, int],
     PlainValidator(_crop),
-    WithJsonSchema(
-        {"type": "array", "items": {"type": "integer"}, "minItems": 4, "maxItems": 4}
-    ),
+    WithJsonSchema({"type": "array", "items": {"type": "integer"}, "minItems": 4, "maxItems": 4}),
 ]
 
 
@@ -123,17 +61,23 @@ class Film(Node):
 
     def problems(self) -> Iterable[Line]:
         if self.width * self.height > MAX_PIXELS or max(self.width, self.height) > MAX_EDGE:
-            yield (), fault(
-                "film_too_large",
-                f"a film of {shown(self.width)} x {shown(self.height)} pixels is too large; "
-                f"at most {MAX_PIXELS} pixels (16384 x 16384) and {MAX_EDGE} on an edge are possible",
+            yield (
+                (),
+                fault(
+                    "film_too_large",
+                    f"a film of {shown(self.width)} x {shown(self.height)} pixels is too large; "
+                    f"at most {MAX_PIXELS} pixels (16384 x 16384) and {MAX_EDGE} on an edge fit",
+                ),
             )
         elif self.crop is not None:
             x0, y0, x1, y1 = self.crop
             if not (0 <= x0 < x1 <= self.width and 0 <= y0 < y1 <= self.height):
-                yield ("crop",), fault(
-                    "out_of_range",
-                    f"must satisfy 0 <= x0 < x1 <= {self.width} and 0 <= y0 < y1 <= {self.height}",
+                yield (
+                    ("crop",),
+                    fault(
+                        "out_of_range",
+                        f"0 <= x0 < x1 <= {self.width} and 0 <= y0 < y1 <= {self.height} must hold",
+                    ),
                 )
 
     @property
@@ -175,265 +119,6 @@ class Render(Node):
         if self.spp is not None:
             return self.spp
         return OPEN_ENDED_SPP if self.seconds or self.target_error else DEFAULT_SPP
-
-
-class ScaleStep(Node):
-    """Scale about the origin."""
-
-    scale: Annotated[
-        Float3,
-        PlainValidator(lambda v: _scale(v)),
-        WithJsonSchema(
-            {"anyOf": [
-                {"type": "number"},
-                {"type": "array", "items": {"type": "number"}, "minItems": 3, "maxItems": 3},
-            ]}
-        ),
-    ] = Field(description="one factor or [x, y, z]; none zero")  # fmt: skip
-
-
-class RotateStep(Node):
-    """Rotate about an axis through the origin, counter-clockwise seen against the axis."""
-
-    rotate_deg: float = Field(description="angle, degrees")
-    axis: Direction = Field(description="axis of the rotation")
-
-
-class TranslateStep(Node):
-    """Move."""
-
-    translate: Vec3 = Field(description="metres")
-
-
-class MatrixStep(Node):
-    """Apply a 4 x 4 matrix to column vectors."""
-
-    matrix: Annotated[
-        tuple[float, ...],
-        PlainValidator(lambda v: numbers(v, 16, "16 numbers, row after row")),
-        WithJsonSchema(
-            {"type": "array", "items": {"type": "number"}, "minItems": 16, "maxItems": 16}
-        ),
-    ] = Field(description="16 numbers, row after row; the last row is 0 0 0 1")
-
-    def problems(self) -> Iterable[Line]:
-        if tuple(self.matrix[12:]) != (0.0, 0.0, 0.0, 1.0):
-            yield ("matrix",), fault("out_of_range", "the last row of a matrix must be 0 0 0 1")
-
-
-STEPS: dict[str, type[Node]] = {
-    "scale": ScaleStep, "rotate_deg": RotateStep, "translate": TranslateStep, "matrix": MatrixStep
-}  # fmt: skip
-
-
-def _scale(value: Any) -> tuple[float, ...]:
-    single = isinstance(value, int | float) and not isinstance(value, bool)
-    result = (number(value),) * 3 if single else vec3(value)
-    if not all(result):
-        raise fault("degenerate", "a scale must not be zero: it would flatten the shape")
-    return result
-
-
-def _step(value: Any) -> Any:
-    if isinstance(value, Node):
-        return value
-    if not isinstance(value, dict):
-        raise fault("wrong_type", f"expected a transform object, got {shown(value)}")
-    named = [key for key in STEPS if key in value]
-    if len(named) > 1:
-        said = " and ".join(map(repr, named))
-        raise fault("exclusive_keys", f"one step does one thing; split {said} into two steps")
-    if not named:
-        words = "a transform step is one of {scale}, {rotate_deg, axis}, {translate}, {matrix}"
-        kind = "missing_key" if not value else "unknown_key"
-        near = next((n for k in value if (n := _near(k))), None)
-        raise fault(kind, words + (f"; did you mean {near!r}?" if near else ""), near)
-    return STEPS[named[0]].model_validate(value)
-
-
-def _near(key: str) -> str | None:
-    from matiere.scene.checks import closest
-
-    return closest(key, STEPS)
-
-
-Step = Annotated[
-    ScaleStep | RotateStep | TranslateStep | MatrixStep,
-    PlainValidator(
-        _step, json_schema_input_type=ScaleStep | RotateStep | TranslateStep | MatrixStep
-    ),
-]
-Transform = Annotated[
-    list[Step], Field(default_factory=list, max_length=64, description="steps, in order")
-]
-
-
-class SphereShape(Node):
-    """A sphere."""
-
-    type: Literal["sphere"]
-    name: Name | None = Field(None, description="for messages and reports")
-    center: Vec3 = Field(description="metres")
-    radius: float = Field(gt=0, description="metres")
-    material: Name = Field(description="a key of `materials`")
-
-
-class MeshShape(Node):
-    """A triangle mesh, from a file (PLY, OBJ, GLB) or inline."""
-
-    type: Literal["mesh"]
-    name: Name | None = Field(None, description="for messages and reports")
-    file: Name | None = Field(None, description="PLY, OBJ or GLB file under the asset root")
-    positions: Points | None = Field(None, description="(N, 3) vertices, metres")
-    triangles: Triangles | None = Field(None, description="(M, 3) indices into positions")
-    normals: Points | None = Field(None, description="(N, 3) shading normals")
-    uv: Points2 | None = Field(None, description="(N, 2) texture coordinates")
-    material: Name | None = Field(None, description="a key of `materials`, for the whole mesh")
-    materials: dict[str, Name] | None = Field(
-        None, description="material or node name in the file -> a key of `materials`"
-    )
-    transform: Transform
-
-    def problems(self) -> Iterable[Line]:
-        yield from self._source_problems()
-        if (self.material is None) == (self.materials is None):
-            kind = "missing_key" if self.material is None else "exclusive_keys"
-            yield (), fault(kind, "a mesh needs either 'material' or 'materials'")
-        elif self.materials is not None and self.file is None:
-            why = "'materials' names parts of a file; an inline mesh has one 'material'"
-            yield ("materials",), fault("exclusive_keys", why)
-
-    def _source_problems(self) -> Iterable[Line]:
-        inline = ("positions", "triangles", "normals", "uv")
-        given = [key for key in inline if getattr(self, key) is not None]
-        if self.file is not None:
-            for key in given:
-                yield (key,), fault("exclusive_keys", f"{key!r} cannot stand beside 'file'")
-            return
-        if self.positions is None or self.triangles is None:
-            yield (), fault("missing_key", "a mesh needs 'file', or 'positions' and 'triangles'")
-            return
-        count = len(self.positions)
-        bad = (self.triangles < 0) | (self.triangles >= count)
-        for row, column in [(int(r), int(c)) for r, c in zip(*bad.nonzero(), strict=True)][:5]:
-            index = int(self.triangles[row, column])
-            yield ("triangles", row, column), fault(
-                "index_out_of_range",
-                f"vertex {index} does not exist; positions has {count} (0 to {count - 1})",
-            )
-        for key in ("normals", "uv"):
-            array = getattr(self, key)
-            if array is not None and len(array) != count:
-                yield (key,), fault(
-                    "wrong_length", f"needs one entry per vertex: {count}, got {len(array)}"
-                )
-
-
-SHAPES = {"sphere": SphereShape, "mesh": MeshShape}
-Shape = Annotated[
-    SphereShape | MeshShape,
-    PlainValidator(
-        tagged("type", SHAPES, "shape type"),
-        json_schema_input_type=Annotated[SphereShape | MeshShape, Field(discriminator="type")],
-    ),
-]
-
-
-class RectangleLight(Node):
-    """A rectangle that emits on the side edge_u x edge_v points to."""
-
-    type: Literal["rectangle"]
-    name: Name | None = Field(None, description="for messages and reports")
-    corner: Vec3 = Field(description="metres")
-    edge_u: Direction = Field(description="first edge from the corner, metres")
-    edge_v: Direction = Field(description="second edge from the corner, metres")
-    radiance: Color = Field(description="W/m^2/sr")
-
-    def problems(self) -> Iterable[Line]:
-        dot = sum(a * b for a, b in zip(self.edge_u, self.edge_v, strict=True))
-        lengths = _norm(self.edge_u) * _norm(self.edge_v)
-        if abs(dot) > 1e-6 * lengths:
-            yield ("edge_v",), fault("degenerate", "must be perpendicular to edge_u")
-
-
-class PointLight(Node):
-    """A point that radiates alike in all directions."""
-
-    type: Literal["point"]
-    name: Name | None = Field(None, description="for messages and reports")
-    position: Vec3 = Field(description="metres")
-    intensity: Color = Field(description="W/sr")
-
-
-class DirectionalLight(Node):
-    """Light from infinitely far away."""
-
-    type: Literal["directional"]
-    name: Name | None = Field(None, description="for messages and reports")
-    direction: Direction = Field(description="direction in which the light travels")
-    irradiance: Color = Field(description="W/m^2 on a surface that faces the light")
-
-
-LIGHTS = {"rectangle": RectangleLight, "point": PointLight, "directional": DirectionalLight}
-Light = Annotated[
-    RectangleLight | PointLight | DirectionalLight,
-    PlainValidator(
-        tagged("type", LIGHTS, "light type"),
-        json_schema_input_type=Annotated[
-            RectangleLight | PointLight | DirectionalLight, Field(discriminator="type")
-        ],
-    ),
-]
-
-ColorSpace = Literal["sRGB", "linear", "data"]
-
-
-class Environment(Node):
-    """Light from all around: a lat-long image (`file` or `pixels`) or one `radiance`.
-
-    The centre column of the image is seen looking along -z, and u grows to the right.
-    """
-
-    file: Name | None = Field(None, description="lat-long HDR or EXR image under the asset root")
-    pixels: Pixels | None = Field(None, description="(H, W, 3) lat-long image, linear Rec.709")
-    radiance: Color | None = Field(None, description="the same radiance everywhere, W/m^2/sr")
-    color_space: Literal["sRGB", "linear"] | None = Field(
-        None, description="of `file`; null: what the file says, else linear for float pixels"
-    )
-    rotation_deg: float = Field(
-        0.0, description="turn about +y, counter-clockwise seen from above, degrees"
-    )
-    scale: float = Field(1.0, ge=0, description="factor on the radiance")
-
-    def problems(self) -> Iterable[Line]:
-        given = [k for k in ("file", "pixels", "radiance") if getattr(self, k) is not None]
-        if len(given) != 1:
-            kind = "exclusive_keys" if given else "missing_key"
-            yield (), fault(kind, "an environment needs one of 'file', 'pixels' and 'radiance'")
-        if self.color_space is not None and self.file is None:
-            yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
-
-
-class Texture(Node):
-    """An image that a material parameter can refer to by `{"texture": name}`."""
-
-    file: Name | None = Field(None, description="image file under the asset root")
-    pixels: Pixels | None = Field(None, description="(H, W, 3) or (H, W) image, linear Rec.709")
-    color_space: ColorSpace | None = Field(
-        None,
-        description="of `file`: sRGB (decoded), linear (Rec.709), data (numbers as they are); "
-        "null: sRGB for whole-number pixels, linear for float pixels",
-    )
-    wrap: Literal["repeat", "clamp"] = Field(
-        "repeat", description="what lies beyond uv in [0, 1]"
-    )
-
-    def problems(self) -> Iterable[Line]:
-        if (self.file is None) == (self.pixels is None):
-            kind = "missing_key" if self.file is None else "exclusive_keys"
-            yield (), fault(kind, "a texture needs either 'file' or 'pixels'")
-        if self.color_space is not None and self.file is None:
-            yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
 
 
 class BitDepth(Node):
@@ -501,17 +186,3 @@ class SceneModel(Node):
         "environment still gives light",
     )
     output: Output = Field(default_factory=Output, description="view transform and files")
-
-
-def _norm(v: Float3) -> float:
-    return float(sum(x * x for x in v)) ** 0.5
-
-
-def _parallel(a: list[float], b: Float3) -> bool:
-    cross = (
-        a[1] * b[2] - a[2] * b[1],
-        a[2] * b[0] - a[0] * b[2],
-        a[0] * b[1] - a[1] * b[0],
-    )
-    length = float(sum(x * x for x in a)) ** 0.5
-    return _norm(cross) <= 1e-6 * length * _norm(b)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from matiere.errors import Fault, ImageError, MatiereError, SceneValidationError
 from matiere.imageio import read_color, srgb_to_linear
 from matiere.scene.assets import AssetRoot
-from matiere.scene.model import Environment, Texture
+from matiere.scene.lights import Environment, Texture
 
 
 @dataclass(frozen=True, slots=True)

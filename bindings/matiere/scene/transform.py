@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from matiere.scene.model import MatrixStep, RotateStep, ScaleStep, TranslateStep
+from matiere.scene.shapes import MatrixStep, RotateStep, ScaleStep, TranslateStep
 
 Matrix = NDArray[np.float64]
 

@@ -1,0 +1,116 @@
+"""Lights, the environment and textures of scene JSON v1."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import Annotated, Literal
+
+from pydantic import Field, PlainValidator
+
+from matiere.scene.camera import norm
+from matiere.scene.checks import (
+    Color,
+    Direction,
+    Line,
+    Name,
+    Node,
+    Pixels,
+    Vec3,
+    fault,
+    tagged,
+)
+
+
+class RectangleLight(Node):
+    """A rectangle that emits on the side edge_u x edge_v points to."""
+
+    type: Literal["rectangle"]
+    name: Name | None = Field(None, description="for messages and reports")
+    corner: Vec3 = Field(description="metres")
+    edge_u: Direction = Field(description="first edge from the corner, metres")
+    edge_v: Direction = Field(description="second edge from the corner, metres")
+    radiance: Color = Field(description="W/m^2/sr")
+
+    def problems(self) -> Iterable[Line]:
+        dot = sum(a * b for a, b in zip(self.edge_u, self.edge_v, strict=True))
+        lengths = norm(self.edge_u) * norm(self.edge_v)
+        if abs(dot) > 1e-6 * lengths:
+            yield ("edge_v",), fault("degenerate", "must be perpendicular to edge_u")
+
+
+class PointLight(Node):
+    """A point that radiates alike in all directions."""
+
+    type: Literal["point"]
+    name: Name | None = Field(None, description="for messages and reports")
+    position: Vec3 = Field(description="metres")
+    intensity: Color = Field(description="W/sr")
+
+
+class DirectionalLight(Node):
+    """Light from infinitely far away."""
+
+    type: Literal["directional"]
+    name: Name | None = Field(None, description="for messages and reports")
+    direction: Direction = Field(description="direction in which the light travels")
+    irradiance: Color = Field(description="W/m^2 on a surface that faces the light")
+
+
+LIGHTS = {"rectangle": RectangleLight, "point": PointLight, "directional": DirectionalLight}
+Light = Annotated[
+    RectangleLight | PointLight | DirectionalLight,
+    PlainValidator(
+        tagged("type", LIGHTS, "light type"),
+        json_schema_input_type=Annotated[
+            RectangleLight | PointLight | DirectionalLight, Field(discriminator="type")
+        ],
+    ),
+]
+
+ColorSpace = Literal["sRGB", "linear", "data"]
+
+
+class Environment(Node):
+    """Light from all around: a lat-long image (`file` or `pixels`) or one `radiance`.
+
+    The centre column of the image is seen looking along -z, and u grows to the right.
+    """
+
+    file: Name | None = Field(None, description="lat-long HDR or EXR image under the asset root")
+    pixels: Pixels | None = Field(None, description="(H, W, 3) lat-long image, linear Rec.709")
+    radiance: Color | None = Field(None, description="the same radiance everywhere, W/m^2/sr")
+    color_space: Literal["sRGB", "linear"] | None = Field(
+        None, description="of `file`; null: what the file says, else linear for float pixels"
+    )
+    rotation_deg: float = Field(
+        0.0, description="turn about +y, counter-clockwise seen from above, degrees"
+    )
+    scale: float = Field(1.0, ge=0, description="factor on the radiance")
+
+    def problems(self) -> Iterable[Line]:
+        given = [k for k in ("file", "pixels", "radiance") if getattr(self, k) is not None]
+        if len(given) != 1:
+            kind = "exclusive_keys" if given else "missing_key"
+            yield (), fault(kind, "an environment needs one of 'file', 'pixels' and 'radiance'")
+        if self.color_space is not None and self.file is None:
+            yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
+
+
+class Texture(Node):
+    """An image that a material parameter can refer to by `{"texture": name}`."""
+
+    file: Name | None = Field(None, description="image file under the asset root")
+    pixels: Pixels | None = Field(None, description="(H, W, 3) or (H, W) image, linear Rec.709")
+    color_space: ColorSpace | None = Field(
+        None,
+        description="of `file`: sRGB (decoded), linear (Rec.709), data (numbers as they are); "
+        "null: sRGB for whole-number pixels, linear for float pixels",
+    )
+    wrap: Literal["repeat", "clamp"] = Field("repeat", description="what lies beyond uv in [0, 1]")
+
+    def problems(self) -> Iterable[Line]:
+        if (self.file is None) == (self.pixels is None):
+            kind = "missing_key" if self.file is None else "exclusive_keys"
+            yield (), fault(kind, "a texture needs either 'file' or 'pixels'")
+        if self.color_space is not None and self.file is None:
+            yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
