@@ -366,7 +366,8 @@ class Client:
                 never = isinstance(error, httpx.ConnectError) and not self._reached
                 if never or time.monotonic() > deadline:
                     raise Unreachable(
-                        f"no service answers at {self.url} ({error}); start one with `matiere serve`"
+                        f"no service answers at {self.url} ({error}); "
+                        "start one with `matiere serve`"
                     ) from None
             except httpx.TimeoutException:
                 if time.monotonic() > deadline:

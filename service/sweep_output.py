@@ -162,10 +162,12 @@ class OutputFolder:
 def looks(report: dict[str, Any]) -> list[tuple[float, float, float, float]]:
     """Return (seconds, relMSE, low, high) of every look of a report at which the error is known."""
     points = []
-    for row in report.get("pass_log", []):
-        if row.get("relmse") and row.get("seconds"):
-            low, high = row.get("relmse_interval") or (row["relmse"], row["relmse"])
-            points.append((float(row["seconds"]), float(row["relmse"]), float(low), float(high)))
+    for row in report.get("log", []):
+        error = row.get("error") or {}
+        relmse, seconds = error.get("relmse"), row.get("wall_s")
+        if relmse and seconds:
+            low, high = error.get("lower") or relmse, error.get("upper") or relmse
+            points.append((float(seconds), float(relmse), float(low), float(high)))
     return points
 
 

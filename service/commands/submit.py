@@ -37,7 +37,10 @@ def submit(
     ] = None,
     data: Annotated[Path | None, typer.Option(help="Data directory of the service.")] = None,
 ) -> None:
-    """Submit a scene to a running service. Files it names are uploaded if the service lacks them."""
+    """Submit a scene to a running service; files it names are uploaded if the service lacks them.
+
+    Example: matiere submit scene.json --spp 64 -o out.png
+    """
     from matiere.service.console import upload_progress, worded
     from matiere.service.find import client_of
 
