@@ -5,6 +5,7 @@ namespace matiere {
 void bind_errors(pybind11::module_& m);
 void bind_material(pybind11::module_& m);
 void bind_probe(pybind11::module_& m);
+void bind_sampling(pybind11::module_& m);
 void bind_scene(pybind11::module_& m);
 void bind_film(pybind11::module_& m);
 void bind_render(pybind11::module_& m);
@@ -15,6 +16,7 @@ PYBIND11_MODULE(_core, m) {
     matiere::bind_errors(m);
     matiere::bind_material(m);
     matiere::bind_probe(m);
+    matiere::bind_sampling(m);
     matiere::bind_scene(m);
     matiere::bind_film(m);
     matiere::bind_render(m);

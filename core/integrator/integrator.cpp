@@ -12,7 +12,7 @@ namespace {
 /// Scattering events after which a path is cut and counted: an endless path in a lossless box.
 constexpr int kDepthGuard = 10000;
 /// Scattering events before roulette may end a path.
-constexpr int kRouletteDepth = 2;
+constexpr int kRouletteDepth = 4;
 
 /// One path from the camera.
 class Walk {

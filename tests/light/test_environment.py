@@ -1,0 +1,113 @@
+"""Environment maps: orientation, density, sampling."""
+
+import numpy as np
+import pytest
+
+from matiere import _core
+
+
+def sun_map(width: int = 32, height: int = 16) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    pixels = rng.uniform(0, 1, (height, width, 3)) ** 4
+    pixels[3, 20] = 3000
+    pixels[height - 2:] = 0
+    return pixels.astype(np.float32)
+
+
+def sphere_grid(n: int) -> tuple[np.ndarray, np.ndarray]:
+    """Midpoint directions and solid angles over the sphere."""
+    cos = 1 - (np.arange(n) + 0.5) * 2 / n
+    phi = (np.arange(2 * n) + 0.5) * np.pi / n
+    c, p = (a.ravel() for a in np.meshgrid(cos, phi, indexing="ij"))
+    s = np.sqrt(1 - c * c)
+    return np.stack([s * np.cos(p), c, s * np.sin(p)], 1), np.full(c.size, 4 * np.pi / c.size)
+
+
+def bits(n: int, seed: int = 0) -> np.ndarray:
+    return np.random.default_rng(seed).integers(0, 2**32, (n, 4), dtype=np.uint64).astype(np.uint32)
+
+
+def test_centre_looks_along_minus_z_and_u_grows_to_the_right() -> None:
+    pixels = np.zeros((8, 16, 3), np.float32)
+    pixels[:, 8:, 0] = 1  # right half red
+    pixels[0, :, 1] = 1  # top row green
+    environment = _core.EnvironmentLight(pixels)
+    radiance, _ = environment.eval([[0.7, 0, -0.7], [-0.7, 0, -0.7], [0, 1, 0], [0.7, 0, 0.7]])
+    assert radiance[0, 0] == 1  # right of the centre, seen from inside
+    assert radiance[1, 0] == 0
+    assert radiance[2, 1] == 1
+    assert radiance[3, 0] == 1
+
+
+def test_rotation_turns_the_map_about_y_right_handed() -> None:
+    pixels = np.zeros((8, 64, 3), np.float32)
+    pixels[:, 30:34] = 1  # around -z
+    environment = _core.EnvironmentLight(pixels, 90.0)
+    # Turning -z by +90 degrees about +y gives -x.
+    radiance, _ = environment.eval([[-1, 0, 0], [0, 0, -1], [1, 0, 0]])
+    assert radiance[0, 0] == 1
+    assert radiance[1, 0] == 0
+    assert radiance[2, 0] == 0
+
+
+@pytest.mark.parametrize("rotation", [0.0, 77.0])
+def test_density_integrates_to_one(rotation: float) -> None:
+    width, height = 32, 16
+    environment = _core.EnvironmentLight(sun_map(width, height), rotation)
+    theta = (np.arange(height) + 0.5) * np.pi / height  # the density is constant in each pixel
+    phi = (np.arange(width) + 0.5) * 2 * np.pi / width
+    t, p = (a.ravel() for a in np.meshgrid(theta, phi, indexing="ij"))
+    p = p + np.radians(rotation)
+    directions = np.stack([np.sin(t) * np.cos(p), np.cos(t), -np.sin(t) * np.sin(p)], 1)
+    edges = np.cos(np.arange(height + 1) * np.pi / height)
+    solid_angle = np.repeat((edges[:-1] - edges[1:]) * 2 * np.pi / width, width)
+    _, pdf = environment.eval(directions)
+    assert np.sum(pdf.astype(float) * solid_angle) == pytest.approx(1, abs=1e-6)
+
+
+def test_sample_reports_the_density_of_its_direction() -> None:
+    environment = _core.EnvironmentLight(sun_map(), 30.0)
+    wi, radiance, pdf = environment.sample(bits(20000))
+    again, pdf_again = environment.eval(wi)
+    # On a cell border rounding may fall to the neighbour: at most a few in ten thousand.
+    same = np.isclose(pdf, pdf_again, rtol=1e-4)
+    assert np.mean(same) > 0.998, np.mean(same)
+    assert np.allclose(radiance, again, rtol=1e-3, atol=1e-4)
+    assert np.abs(np.linalg.norm(wi, axis=1) - 1).max() < 3e-7
+
+
+def test_estimate_of_the_total_is_unbiased() -> None:
+    environment = _core.EnvironmentLight(sun_map())
+    directions, weight = sphere_grid(2048)
+    radiance, _ = environment.eval(directions)
+    total = np.sum(radiance[:, 1].astype(float) * weight)
+    _, value, pdf = environment.sample(bits(400000))
+    ratio = value[:, 1] / pdf
+    error = ratio.std() / np.sqrt(ratio.size)
+    assert ratio.mean() == pytest.approx(total, abs=4 * error + 2e-3 * total)
+    assert error / total < 2e-3  # importance sampling: a nearly constant ratio
+
+
+def test_nothing_bright_has_density_zero() -> None:
+    """Bilinear lookup bleeds into black neighbours: the density must follow."""
+    pixels = np.zeros((8, 8, 3), np.float32)
+    pixels[4, 4] = 1
+    environment = _core.EnvironmentLight(pixels)
+    directions, _ = sphere_grid(256)
+    radiance, pdf = environment.eval(directions)
+    assert np.all(pdf[radiance[:, 0] > 0] > 0)
+
+
+def test_constant_map_is_uniform() -> None:
+    environment = _core.EnvironmentLight(np.full((1, 1, 3), 2.0, np.float32))
+    wi, radiance, pdf = environment.sample(bits(50000))
+    assert np.allclose(pdf, 1 / (4 * np.pi), rtol=1e-6)
+    assert np.all(radiance == 2)
+    assert np.abs(wi.mean(0)).max() < 5 * np.sqrt(1 / 3 / 50000)
+
+
+def test_black_map_gives_nothing() -> None:
+    environment = _core.EnvironmentLight(np.zeros((4, 8, 3), np.float32))
+    wi, _, pdf = environment.sample(bits(10))
+    assert np.all(wi == 0)
+    assert np.all(pdf == 0)
