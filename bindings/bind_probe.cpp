@@ -22,17 +22,32 @@ namespace {
 template <class R>
 using Array = py::array_t<R, py::array::c_style | py::array::forcecast>;
 
+/// Rows of three numbers; a single one stands for as many as the other array has.
 template <class R>
-py::ssize_t check_rows(const Array<R>& a, const char* name) {
-    if (a.ndim() != 2 || a.shape(1) != 3)
-        throw py::value_error(std::string(name) + " must have shape (N, 3)");
-    return a.shape(0);
-}
+class Rows {
+ public:
+    Rows(const py::object& o, const char* name) : array_(o.cast<Array<R>>()) {
+        if (array_.ndim() == 1 && array_.shape(0) == 3) array_ = array_.reshape({1, 3});
+        if (array_.ndim() != 2 || array_.shape(1) != 3)
+            throw py::value_error(std::string(name) + " must have shape (N, 3) or (3,)");
+    }
+    py::ssize_t size() const { return array_.shape(0); }
+    Vec3<R> operator[](py::ssize_t k) const {
+        const R* p = array_.data(size() == 1 ? 0 : k, 0);
+        return {p[0], p[1], p[2]};
+    }
+    static py::ssize_t common(const Rows& a, const Rows& b) {
+        if (a.size() != b.size() && a.size() != 1 && b.size() != 1)
+            throw py::value_error("both arrays must have the same number of rows, or one row");
+        return a.size() == 1 ? b.size() : a.size();
+    }
 
-template <class R>
-Vec3<R> vec(const R* p) {
-    return {p[0], p[1], p[2]};
-}
+ private:
+    Array<R> array_;
+};
+
+/// namedtuple matiere._core.BsdfSample; lives as long as the module.
+PyObject* sample_type = nullptr;
 
 /// Base-b digits of i mirrored about the point, for the albedo's sample set.
 template <class R>
@@ -87,30 +102,30 @@ class Probe {
         });
     }
 
-    Array<R> eval_rows(const Array<R>& wo, const Array<R>& wi) const {
-        const py::ssize_t n = check_pairs(wo, wi);
+    Array<R> eval_rows(const Rows<R>& wo, const Rows<R>& wi) const {
+        const py::ssize_t n = Rows<R>::common(wo, wi);
         Array<R> f({n, py::ssize_t(3)});
         for (py::ssize_t k = 0; k < n; ++k) {
-            const BsdfEval<R> e = eval(vec(wo.data(k, 0)), vec(wi.data(k, 0)));
+            const BsdfEval<R> e = eval(wo[k], wi[k]);
             for (int c = 0; c < 3; ++c) *f.mutable_data(k, c) = e.f[c];
         }
         return f;
     }
 
-    Array<R> pdf_rows(const Array<R>& wo, const Array<R>& wi) const {
-        const py::ssize_t n = check_pairs(wo, wi);
+    Array<R> pdf_rows(const Rows<R>& wo, const Rows<R>& wi) const {
+        const py::ssize_t n = Rows<R>::common(wo, wi);
         Array<R> pdf(n);
         for (py::ssize_t k = 0; k < n; ++k)
-            *pdf.mutable_data(k) = eval(vec(wo.data(k, 0)), vec(wi.data(k, 0))).pdf;
+            *pdf.mutable_data(k) = eval(wo[k], wi[k]).pdf;
         return pdf;
     }
 
-    py::tuple sample_rows(const Array<R>& wo, const Array<R>& u) const {
-        const py::ssize_t n = check_pairs(wo, u);
+    py::object sample_rows(const Rows<R>& wo, const Rows<R>& u) const {
+        const py::ssize_t n = Rows<R>::common(wo, u);
         Array<R> wi({n, py::ssize_t(3)}), weight({n, py::ssize_t(3)}), pdf(n), eta(n);
         Array<std::uint32_t> lobe(n);
         for (py::ssize_t k = 0; k < n; ++k) {
-            const auto s = sample(vec(wo.data(k, 0)), vec(u.data(k, 0))).value_or(BsdfSample<R>{});
+            const auto s = sample(wo[k], u[k]).value_or(BsdfSample<R>{});
             for (int c = 0; c < 3; ++c) {
                 *wi.mutable_data(k, c) = s.wi[std::size_t(c)];
                 *weight.mutable_data(k, c) = s.weight[c];
@@ -119,18 +134,18 @@ class Probe {
             *eta.mutable_data(k) = s.eta;
             *lobe.mutable_data(k) = s.lobe;
         }
-        return py::make_tuple(wi, weight, pdf, lobe, eta);
+        return py::reinterpret_borrow<py::object>(sample_type)(wi, weight, pdf, lobe, eta);
     }
 
-    Array<R> albedo_rows(const Array<R>& wo, std::uint64_t samples) const {
-        const py::ssize_t n = check_rows(wo, "wo");
+    Array<R> albedo_rows(const Rows<R>& wo, std::uint64_t samples) const {
+        const py::ssize_t n = wo.size();
         Array<R> albedo({n, py::ssize_t(3)});
         for (py::ssize_t k = 0; k < n; ++k) {
             Spectrumd sum;
             for (std::uint64_t i = 0; i < samples; ++i) {
                 const Vec3<R> u{radical_inverse<R>(3, i), radical_inverse<R>(2, i),
                                 R((double(i) + 0.5) / double(samples))};
-                if (const auto s = sample(vec(wo.data(k, 0)), u))
+                if (const auto s = sample(wo[k], u))
                     sum += spectrum_cast<double>(s->weight) *
                            (double(s->eta) * double(s->eta));  // energy, not radiance
             }
@@ -143,13 +158,6 @@ class Probe {
  private:
     static Vec3<R> mirrored(Vec3<R> w, bool below) { return {w.x, w.y, below ? -w.z : w.z}; }
     const AnyModel<R>& model(bool below) const { return below ? below_ : recipe_.model; }
-
-    static py::ssize_t check_pairs(const Array<R>& a, const Array<R>& b) {
-        const py::ssize_t n = check_rows(a, "wo");
-        if (check_rows(b, "wi and u") != n)
-            throw py::value_error("both arrays must have the same number of rows");
-        return n;
-    }
 
     TableStore<R> tables_;
     ModelRecipe<R> recipe_;
@@ -183,11 +191,6 @@ class PyBsdf {
     std::unique_ptr<AnyProbe> probe_;  // held by pointer: models keep views into their tables
 };
 
-template <class R>
-Array<R> as(const py::object& o) {
-    return o.cast<Array<R>>();
-}
-
 template <class P>
 struct RealOf;
 template <class R>
@@ -198,6 +201,11 @@ struct RealOf<Probe<R>> {
 }  // namespace
 
 void bind_probe(py::module_& m) {
+    py::object type = py::module_::import("collections")
+                          .attr("namedtuple")("BsdfSample", "wi weight pdf lobe eta");
+    type.attr("__module__") = m.attr("__name__");
+    sample_type = type.inc_ref().ptr();
+    m.attr("BsdfSample") = type;
     py::class_<PyBsdf>(m, "Bsdf", "One material model, vectorised, in float or double.")
         .def(py::init<const std::string&, const py::dict&, const std::string&, const std::string&>(),
              py::arg("type"), py::arg("params"), py::arg("precision") = "float",
@@ -211,7 +219,7 @@ void bind_probe(py::module_& m) {
             [](const PyBsdf& b, const py::object& wo, const py::object& wi) {
                 return b.visit([&]<class P>(const P& p) {
                     using R = typename RealOf<P>::Type;
-                    return p.eval_rows(as<R>(wo), as<R>(wi));
+                    return p.eval_rows(Rows<R>(wo, "wo"), Rows<R>(wi, "wi"));
                 });
             },
             py::arg("wo"), py::arg("wi"), "f |cos theta_i|, (N, 3).")
@@ -220,7 +228,7 @@ void bind_probe(py::module_& m) {
             [](const PyBsdf& b, const py::object& wo, const py::object& wi) {
                 return b.visit([&]<class P>(const P& p) {
                     using R = typename RealOf<P>::Type;
-                    return p.pdf_rows(as<R>(wo), as<R>(wi));
+                    return p.pdf_rows(Rows<R>(wo, "wo"), Rows<R>(wi, "wi"));
                 });
             },
             py::arg("wo"), py::arg("wi"), "Density of sample per solid angle, (N,).")
@@ -229,7 +237,7 @@ void bind_probe(py::module_& m) {
             [](const PyBsdf& b, const py::object& wo, const py::object& u) {
                 return b.visit([&]<class P>(const P& p) {
                     using R = typename RealOf<P>::Type;
-                    return p.sample_rows(as<R>(wo), as<R>(u));
+                    return p.sample_rows(Rows<R>(wo, "wo"), Rows<R>(u, "u"));
                 });
             },
             py::arg("wo"), py::arg("u"),
@@ -239,7 +247,7 @@ void bind_probe(py::module_& m) {
             [](const PyBsdf& b, const py::object& wo, std::uint64_t n) {
                 return b.visit([&]<class P>(const P& p) {
                     using R = typename RealOf<P>::Type;
-                    return p.albedo_rows(as<R>(wo), n);
+                    return p.albedo_rows(Rows<R>(wo, "wo"), n);
                 });
             },
             py::arg("wo"), py::arg("n") = 4096,

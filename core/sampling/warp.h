@@ -1,7 +1,9 @@
 // Area-preserving maps from the unit square, and their densities.
 #pragma once
 
+#include <algorithm>
 #include <cmath>
+#include <limits>
 
 #include "base/numeric.h"
 #include "base/vec.h"
@@ -20,11 +22,13 @@ inline Vec2<R> square_to_disk(R u1, R u2) {
     return {radius * std::cos(phi), radius * std::sin(phi)};
 }
 
-/// Direction about +z with density cos / pi [1/sr] (Malley's method).
+/// Direction about +z with density cos / pi [1/sr] (Malley's method). The rim of the disk is lifted
+/// by less than the rounding of 1 - r^2, so that no sample lies in the horizon and is lost.
 template <class R>
 inline Vec3<R> square_to_cosine_hemisphere(R u1, R u2) {
     const Vec2<R> d = square_to_disk(u1, u2);
-    return {d.x, d.y, safe_sqrt(R(1) - d.x * d.x - d.y * d.y)};
+    constexpr R kRim = std::numeric_limits<R>::epsilon() / R(4);
+    return {d.x, d.y, std::sqrt(std::max(R(1) - d.x * d.x - d.y * d.y, kRim))};
 }
 
 template <class R>
