@@ -6,15 +6,25 @@ A scene is passed on as it came (`dict`): `matiere.jobs` validates it once, agai
 
 from __future__ import annotations
 
+import posixpath
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, JsonValue, StringConstraints, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    JsonValue,
+    StringConstraints,
+    field_validator,
+    model_validator,
+)
 
 from matiere.jobs.job import DEFAULT_PRIORITY, MAX_PRIORITY, MIN_PRIORITY, Job, JobState, Sweep
 
 Digest = Annotated[str, StringConstraints(pattern=r"^(sha256:)?[0-9a-f]{64}$")]
-AssetName = Annotated[str, StringConstraints(min_length=1, max_length=1024)]
+MAX_NAME_PART = 255  # bytes; what file systems hold
 Label = Annotated[str, StringConstraints(max_length=200)]
 Scene = Annotated[
     dict[str, Any],
@@ -45,6 +55,19 @@ class Stop(_Request):
         return self.model_dump(exclude_none=True) or None
 
 
+def _asset_name(name: str) -> str:
+    """Refuse what no file can be called, before it comes near a file system."""
+    parts = name.split("/")
+    if not name or any(ord(character) < 32 for character in name):
+        raise ValueError("a file name has at least one character, and no control characters")
+    if len(name) > 1024 or any(len(part.encode()) > MAX_NAME_PART for part in parts):
+        raise ValueError("a file name is too long")
+    return name
+
+
+AssetName = Annotated[str, AfterValidator(_asset_name)]
+
+
 class _Submission(_Request):
     assets: dict[AssetName, Digest] = Field(
         default_factory=dict,
@@ -59,6 +82,21 @@ class _Submission(_Request):
     cache: Literal["use"] = Field(
         "use", description="an equal film rendered before is continued, never rendered again"
     )
+
+    @field_validator("assets")
+    @classmethod
+    def _one_place_each(cls, assets: dict[str, str]) -> dict[str, str]:
+        """Refuse two names of one place, and a file where another name needs a folder."""
+        places = {posixpath.normpath(name): name for name in assets}
+        if len(places) < len(assets):
+            raise ValueError("two of these names mean the same file")
+        for place, name in places.items():
+            above = posixpath.dirname(place)
+            while above not in ("", "/"):
+                if above in places:
+                    raise ValueError(f"{name!r} lies below {places[above]!r}, which is a file")
+                above = posixpath.dirname(above)
+        return assets
 
     def pins(self) -> dict[str, str]:
         """Return file name -> bare lower-case hex digest."""
@@ -103,7 +141,7 @@ class Axis(_Request):
 
     def plain(self) -> dict[str, Any]:
         """Return the axis as the queue takes it."""
-        return self.model_dump(exclude_none=True)
+        return self.model_dump(mode="json", exclude_none=True)
 
 
 class SweepSubmission(_Submission):

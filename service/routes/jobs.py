@@ -45,7 +45,7 @@ def submit_job(
                 idempotency_key=key,
             )
         except MatiereError as error:
-            raise submission_problem(error, "/scene", ("stop",)) from error
+            raise submission_problem(error, "/scene", ("stop", "priority")) from error
     accept(response, f"/v1/jobs/{job.id}")
     return JobView.of(job)
 

@@ -52,7 +52,9 @@ def submit_sweep(
                 idempotency_key=key,
             )
         except MatiereError as error:
-            raise submission_problem(error, "/base", ("axes", "stop")) from error
+            raise submission_problem(
+                error, "/base", ("axes", "stop", "priority", "mode")
+            ) from error
     accept(response, f"/v1/sweeps/{sweep.id}")
     return SweepView.of(sweep)
 

@@ -10,11 +10,11 @@ from typing import Any
 import httpx
 import pytest
 from fake_engine import FakeEngine
-from matiere.jobs.job import JobState
-from matiere.service.sweepfile import load_sweep
 from test_client_and_submit import finish_soon, run
 
 from matiere.errors import SceneValidationError
+from matiere.jobs.job import JobState
+from matiere.service.sweepfile import load_sweep
 
 AXES = [{"pointer": "/materials/a/alpha", "values": [0.1, 0.2, 0.3]}]
 LOG = [
@@ -144,7 +144,11 @@ def test_render_overrides_are_laid_over_the_base(sweep_file: Path) -> None:
         ({"version": 2}, "/version", "1"),
         ({"axes": []}, "/axes", "at least 1"),
         ({"axes": [{"pointer": "/a"}]}, "/axes/0", "exactly one of values, linspace, logspace"),
-        ({"axes": [{"pointer": "/a", "values": [1], "linspace": [0, 1, 2]}]}, "/axes/0", "not values"),
+        (
+            {"axes": [{"pointer": "/a", "values": [1], "linspace": [0, 1, 2]}]},
+            "/axes/0",
+            "not values",
+        ),
         ({"axes": [{"pointer": "/a", "linspace": [0, 1]}]}, "/axes/0/linspace/2", "required"),
         ({"axes": [{"pointr": "/a", "values": [1]}]}, "/axes/0/pointer", "required"),
         ({"base": "none.json"}, "/base", "none.json"),
