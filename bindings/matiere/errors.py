@@ -16,7 +16,8 @@ pointer (RFC 6901) of the bad value, empty when there is none.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 
@@ -120,6 +121,16 @@ class Cancelled(MatiereError):
 def pointer(*parts: str | int) -> str:
     """Return the JSON pointer (RFC 6901) made of `parts`."""
     return "".join("/" + str(part).replace("~", "~0").replace("/", "~1") for part in parts)
+
+
+@contextmanager
+def pointed(prefix: str) -> Iterator[None]:
+    """Put `prefix` before the pointers of the faults that arise inside."""
+    try:
+        yield
+    except SceneValidationError as error:
+        faults = [Fault(prefix + f.pointer, f.code, f.message, f.suggestion) for f in error.faults]
+        raise type(error)(faults) from None
 
 
 def _rebuild(

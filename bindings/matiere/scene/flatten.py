@@ -6,14 +6,15 @@ before it is rounded to single precision, camera and lights with it.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from matiere.errors import Fault, MatiereError, SceneValidationError, pointer
+from matiere.errors import AssetChanged, Fault, SceneValidationError, pointed, pointer
 from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
 from matiere.scene.camera import PinholeCamera, ThinLensCamera
@@ -22,7 +23,7 @@ from matiere.scene.materials import MaterialModel, TextureRef
 from matiere.scene.meshes import MAX_COORDINATE, PlacedMesh, clean, load_mesh
 from matiere.scene.model import SceneModel
 from matiere.scene.shapes import MeshShape, SphereShape
-from matiere.scene.textures import load_environment, load_texture, place
+from matiere.scene.textures import load_environment, load_texture
 
 if TYPE_CHECKING:
     from matiere import _core
@@ -112,19 +113,21 @@ def _read_meshes(model: SceneModel, assets: AssetRoot, work: _Work) -> list[tupl
     for index, shape in enumerate(model.shapes):
         if not isinstance(shape, MeshShape):
             continue
-        try:
+        with _collected(pointer("shapes", index), work):
             found += [(index, mesh) for mesh in load_mesh(shape, assets)]
-        except MatiereError as error:
-            _collect(error, pointer("shapes", index), work)
     return found
 
 
-def _collect(error: MatiereError, at: str, work: _Work) -> None:
+@contextmanager
+def _collected(at: str, work: _Work) -> Iterator[None]:
     """Keep the faults of one file and go on, unless the file was swapped under us."""
-    faults = place(error, at)
-    if error.code == "asset_changed":
-        raise type(error)(faults) from None  # type: ignore[arg-type]
-    work.faults += faults
+    try:
+        with pointed(at):
+            yield
+    except AssetChanged:
+        raise
+    except SceneValidationError as error:
+        work.faults += error.faults
 
 
 def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
@@ -133,15 +136,13 @@ def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
     for name, texture in model.textures.items():
         if name not in used:
             continue
-        try:
+        at = pointer("textures", name)
+        with _collected(at, work):
             loaded = load_texture(texture, assets)
-        except MatiereError as error:
-            _collect(error, pointer("textures", name), work)
-            continue
-        work.spaces[name] = loaded.color_space
-        work.textures[name] = work.description.add_texture(
-            loaded.pixels, texture.wrap, pointer=pointer("textures", name)
-        )
+            work.spaces[name] = loaded.color_space
+            work.textures[name] = work.description.add_texture(
+                loaded.pixels, texture.wrap, pointer=at
+            )
 
 
 def _check_scalar_textures(model: SceneModel, work: _Work) -> None:
@@ -164,15 +165,13 @@ def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> Any:
     environment = model.environment
     if environment is None or environment.radiance is not None:
         return None
-    try:
+    with _collected("/environment", work):
         loaded, negative = load_environment(environment, assets)
-    except MatiereError as error:
-        _collect(error, "/environment", work)
-        return None
-    if negative:
-        why = f"{negative} negative values of the environment were set to 0"
-        work.note("/environment", "negative_pixels", why, negative)
-    return loaded.pixels
+        if negative:
+            why = f"{negative} negative values of the environment were set to 0"
+            work.note("/environment", "negative_pixels", why, negative)
+        return loaded.pixels
+    return None
 
 
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from matiere.errors import Fault, SceneValidationError, pointer
+from matiere.errors import Fault, SceneValidationError, pointed, pointer
 from matiere.scene.assets import AssetRoot
 from matiere.scene.checks import choose
 from matiere.scene.mesh_files import Doubles, MeshFileError, Part, read_parts
@@ -60,11 +60,12 @@ def _parts(shape: MeshShape, assets: AssetRoot) -> list[Part]:
     if shape.file is None:
         assert shape.positions is not None and shape.triangles is not None
         return [Part(shape.positions, shape.triangles, shape.normals, shape.uv, (), None)]
-    try:
-        return read_parts(shape.file, assets.read(shape.file))
-    except MeshFileError as error:
-        why = f"{shape.file!r}: {error}"
-        raise SceneValidationError([Fault("/file", "asset_unreadable", why)]) from None
+    with pointed("/file"):
+        try:
+            return read_parts(shape.file, assets.read(shape.file))
+        except MeshFileError as error:
+            why = f"{shape.file!r}: {error}"
+            raise SceneValidationError([Fault("", "asset_unreadable", why)]) from None
 
 
 def _assigned(parts: Iterable[Part], shape: MeshShape) -> list[tuple[Part, str]]:

@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from matiere.errors import Fault, ImageError, MatiereError, SceneValidationError
+from matiere.errors import Fault, ImageError, SceneValidationError, pointed
 from matiere.imageio import read_color, srgb_to_linear
 from matiere.scene.assets import AssetRoot
 from matiere.scene.lights import Environment, Texture
@@ -45,21 +44,16 @@ def load_environment(environment: Environment, assets: AssetRoot) -> tuple[Loade
 
 
 def _read(name: str, color_space: str | None, assets: AssetRoot) -> Loaded:
-    path = assets.unchanged(name)
-    try:
-        pixels, integer = read_color(path)
-    except ImageError as error:
-        raise SceneValidationError([Fault("/file", "asset_unreadable", error.message)]) from None
-    assets.unchanged(name)
+    with pointed("/file"):
+        path = assets.unchanged(name)
+        try:
+            pixels, integer = read_color(path)
+        except ImageError as error:
+            raise SceneValidationError([Fault("", "asset_unreadable", error.message)]) from None
+        assets.unchanged(name)
     if not np.isfinite(pixels).all():
         y, x = (int(i) for i in np.argwhere(~np.isfinite(pixels).all(axis=2))[0])
         why = f"the image {name!r} holds NaN or infinity, first at pixel x {x}, y {y}"
         raise SceneValidationError([Fault("/file", "not_finite", why)])
     space = color_space or ("sRGB" if integer else "linear")
     return Loaded(srgb_to_linear(pixels) if space == "sRGB" else pixels, space)
-
-
-def place(error: MatiereError, at: str) -> list[Fault]:
-    """Return the faults of `error` with `at` put before their pointers."""
-    found: Any = getattr(error, "faults", None) or [Fault("", error.code, error.message)]
-    return [Fault(at + f.pointer, f.code, f.message, f.suggestion) for f in found]
