@@ -35,9 +35,9 @@ struct RectangleShape {
     float area;
 
     RectangleShape(Vec3f c, Vec3f u, Vec3f v) : corner(c), edge_u(u), edge_v(v) {
-        const Vec3f w = cross(u, v);
-        area = length(w);
-        n = w * (1 / area);
+        const Vec3d w = cross(vec_cast<double>(u), vec_cast<double>(v));
+        area = float(length(w));
+        n = vec_cast<float>(normalize(w));
     }
     ShapeSample sample(Vec3f reference, const SampleBlock& u) const {
         const Vec2f s = u.uniform2(1);
@@ -72,9 +72,13 @@ struct SphereShape {
     float pdf(Vec3f reference, Vec3f p, Vec3f n) const;
 
  private:
-    /// sin^2 of the half angle of the cone; above 1 inside.
+    /// sin^2 of the half angle of the cone that holds the sphere; 1 inside and so near the surface
+    /// that rounding could not tell: there the whole surface is sampled.
     float sin2_cone(Vec3f reference) const {
-        return sphere.radius * sphere.radius / length_squared(reference - sphere.center);
+        constexpr float kNearSurface = 1 - 0x1p-10F;
+        const float d2 = length_squared(reference - sphere.center);
+        const float sin2 = sphere.radius * sphere.radius / d2;
+        return sin2 < kNearSurface ? sin2 : 1.0F;
     }
 };
 

@@ -173,7 +173,8 @@ SurfaceHit Scene::triangle_surface(const Mesh& mesh, const RayHit& hit) const {
     s.point.p = p0 * w0 + p1 * w1 + p2 * w2;
     s.error = (abs(p0 * w0) + abs(p1 * w1) + abs(p2 * w2)) * gamma_bound<float>(7);
     const Vec3f e1 = p1 - p0, e2 = p2 - p0;
-    s.point.n_g = normalize(cross(e1, e2));
+    // Double: the squared length of this cross product leaves float at 1e10 m and 1e-10 m.
+    s.point.n_g = vec_cast<float>(normalize(cross(vec_cast<double>(e1), vec_cast<double>(e2))));
     s.point.n_s = s.point.n_g;
     if (!mesh.normals.empty()) {
         const Vec3f n = mesh.normal(a) * w0 + mesh.normal(b) * w1 + mesh.normal(c) * w2;

@@ -10,7 +10,7 @@ def sun_map(width: int = 32, height: int = 16) -> np.ndarray:
     rng = np.random.default_rng(1)
     pixels = rng.uniform(0, 1, (height, width, 3)) ** 4
     pixels[3, 20] = 3000
-    pixels[height - 2:] = 0
+    pixels[height - 2 :] = 0
     return pixels.astype(np.float32)
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from render_build import FLOOR, assert_agrees, look_at_point, measure
 
 from matiere import _core
-from render_build import FLOOR, assert_agrees, look_at_point, measure
 
 ALBEDO = 0.6
 

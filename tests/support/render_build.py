@@ -24,8 +24,15 @@ def look_at_point(
 
 
 def render(
-    scene: Any, spp: int = 256, seed: int = 0, max_depth: int = -1, strategy: str = "mis",
-    threads: int = 2, width: int = 4, height: int = 4, replicates: int = 4,
+    scene: Any,
+    spp: int = 256,
+    seed: int = 0,
+    max_depth: int = -1,
+    strategy: str = "mis",
+    threads: int = 2,
+    width: int = 4,
+    height: int = 4,
+    replicates: int = 4,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the mean image (H, W, 3) and the report of the loop."""
     film = _core.Film(width, height, replicates)
