@@ -93,9 +93,6 @@ CODES: dict[str, Kind] = {
         "The sweep has no result yet",
         "GET the sweep until `state` is `succeeded`, then ask again.",
     ),
-    "job_finished": Kind(
-        409, "The job has already ended", "Nothing is left to cancel; its result stays available."
-    ),
     "idempotency_in_flight": Kind(
         409,
         "The first request with this Idempotency-Key is still being accepted",
@@ -129,9 +126,6 @@ CODES: dict[str, Kind] = {
         422,
         "The scene has errors",
         "See `errors` for each value; `matiere schema` prints the JSON Schema.",
-    ),
-    "invalid_sweep": Kind(
-        422, "The sweep has errors", "See `errors` for each value and docs/sweep.md for the format."
     ),
     "asset_missing": Kind(
         422,

@@ -128,7 +128,7 @@ def _serve(kind: str, summary: str) -> None:
     router.add_api_route(
         f"/{{job_id}}/{last}",
         handler,
-        methods=["GET", "HEAD"],
+        methods=["GET"],
         name=name,
         summary=summary,
         response_class=Response,

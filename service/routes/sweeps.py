@@ -24,6 +24,8 @@ from matiere.service.routes.jobs import (
 )
 from matiere.service.schemas import SweepPage, SweepSubmission, SweepView
 
+OWN = ("axes", "stop", "priority", "mode")  # parts of a submission beside the base scene
+
 router = APIRouter(prefix="/v1/sweeps", tags=["sweeps"], route_class=StrictRoute)
 
 
@@ -52,9 +54,7 @@ def submit_sweep(
                 idempotency_key=key,
             )
         except MatiereError as error:
-            raise submission_problem(
-                error, "/base", ("axes", "stop", "priority", "mode")
-            ) from error
+            raise submission_problem(error, "/base", OWN) from error
     accept(response, f"/v1/sweeps/{sweep.id}")
     return SweepView.of(sweep)
 
@@ -89,9 +89,8 @@ def get_sweep(sweep_id: str, response: Response, engine: EngineDep) -> SweepView
     return SweepView.of(sweep)
 
 
-@router.api_route(
+@router.get(
     "/{sweep_id}/contact-sheet.png",
-    methods=["GET", "HEAD"],
     response_class=Response,
     responses={200: {"content": {"image/png": {}}, "description": "The contact sheet"}},
     operation_id="get_sweep_contact_sheet",

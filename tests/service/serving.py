@@ -108,10 +108,12 @@ def command(
 @contextmanager
 def serve(data: Path, *more: object, quick: bool = True) -> Iterator[tuple[Serving, Client]]:
     """Run `matiere serve` on a free port and give a client once it is ready."""
-    with command("serve", "--data", data, "--port", 0, *more, quick=quick) as serving:
-        with Client(serving.url, patience_s=5) as client:
-            end = time.monotonic() + 30
-            while not client.ready():
-                assert time.monotonic() < end, "not ready within 30 s"
-                time.sleep(0.02)
-            yield serving, client
+    with (
+        command("serve", "--data", data, "--port", 0, *more, quick=quick) as serving,
+        Client(serving.url, patience_s=5) as client,
+    ):
+        end = time.monotonic() + 30
+        while not client.ready():
+            assert time.monotonic() < end, "not ready within 30 s"
+            time.sleep(0.02)
+        yield serving, client
