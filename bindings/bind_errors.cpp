@@ -40,8 +40,8 @@ py::dict info() {
 
 void bind_errors(py::module_& m) {
     scene_error_type = PyErr_NewExceptionWithDoc(
-        "matiere._core.SceneError",
-        "A scene that cannot be built: code, message and JSON pointer.", PyExc_ValueError, nullptr);
+        "matiere._core.SceneError", "A scene that cannot be built: code, message and JSON pointer.",
+        PyExc_ValueError, nullptr);
     m.add_object("SceneError", py::handle(scene_error_type));
     py::register_local_exception_translator(&translate);
     m.def("info", &info, "Embree version and ISA, compiler, flags and source hash of this build.");

@@ -17,8 +17,8 @@ template <class T>
 using Array = py::array_t<T, py::array::c_style | py::array::forcecast>;
 
 py::array_t<std::uint32_t> sampler_bits(std::uint64_t seed, std::uint32_t replicate, int x, int y,
-                                        std::uint64_t first, py::ssize_t count, std::uint32_t bounce,
-                                        std::uint32_t purpose) {
+                                        std::uint64_t first, py::ssize_t count,
+                                        std::uint32_t bounce, std::uint32_t purpose) {
     py::array_t<std::uint32_t> out({count, py::ssize_t(4)});
     for (py::ssize_t i = 0; i < count; ++i) {
         const Sampler sampler(seed, replicate, x, y, first + std::uint64_t(i));
@@ -31,7 +31,8 @@ py::array_t<std::uint32_t> sampler_bits(std::uint64_t seed, std::uint32_t replic
 py::tuple discrete_sample(const std::vector<double>& weights, const Array<std::uint32_t>& u) {
     const DiscreteDistribution d(weights);
     py::array_t<double> probability{py::ssize_t(d.size())};
-    for (std::size_t i = 0; i < d.size(); ++i) probability.mutable_at(py::ssize_t(i)) = double(d.probability(i));
+    for (std::size_t i = 0; i < d.size(); ++i)
+        probability.mutable_at(py::ssize_t(i)) = double(d.probability(i));
     const py::ssize_t n = d.empty() ? 0 : u.size();
     py::array_t<std::uint32_t> index(n);
     py::array_t<float> remainder(n);
@@ -44,7 +45,8 @@ py::tuple discrete_sample(const std::vector<double>& weights, const Array<std::u
 }
 
 EnvironmentLight make_environment(const Array<float>& pixels, double rotation_deg) {
-    if (pixels.ndim() != 3 || pixels.shape(2) != 3) throw py::value_error("pixels must have shape (H, W, 3)");
+    if (pixels.ndim() != 3 || pixels.shape(2) != 3)
+        throw py::value_error("pixels must have shape (H, W, 3)");
     return {int(pixels.shape(1)), int(pixels.shape(0)),
             std::vector<float>(pixels.data(), pixels.data() + pixels.size()), rotation_deg, 1.0};
 }
@@ -80,12 +82,14 @@ py::tuple environment_eval(const EnvironmentLight& e, const Array<float>& direct
 }  // namespace
 
 void bind_sampling(py::module_& m) {
-    m.def("sampler_bits", &sampler_bits, py::arg("seed"), py::arg("replicate"), py::arg("x"), py::arg("y"),
-          py::arg("first"), py::arg("count"), py::arg("bounce") = 0, py::arg("purpose") = 0,
+    m.def("sampler_bits", &sampler_bits, py::arg("seed"), py::arg("replicate"), py::arg("x"),
+          py::arg("y"), py::arg("first"), py::arg("count"), py::arg("bounce") = 0,
+          py::arg("purpose") = 0,
           "Coordinates (count, 4) of one block as 0.32 fixed point (tests).");
     m.def("discrete_sample", &discrete_sample, py::arg("weights"), py::arg("u"),
           "Probabilities, and index and remainder for every u in 0.32 fixed point (tests).");
-    py::class_<EnvironmentLight>(m, "EnvironmentLight", "A lat-long environment on its own (tests).")
+    py::class_<EnvironmentLight>(m, "EnvironmentLight",
+                                 "A lat-long environment on its own (tests).")
         .def(py::init(&make_environment), py::arg("pixels"), py::arg("rotation_deg") = 0.0)
         .def("sample", &environment_sample, py::arg("bits"), "wi (N,3), radiance (N,3), pdf (N,)")
         .def("eval", &environment_eval, py::arg("directions"), "radiance (N,3), pdf (N,)");

@@ -27,7 +27,8 @@ std::vector<T> rows(const py::object& object, py::ssize_t columns, const char* n
     if (object.is_none()) return {};
     const auto a = object.cast<Array<T>>();
     if (a.ndim() != 2 || a.shape(1) != columns)
-        throw py::value_error(std::string(name) + " must have shape (N, " + std::to_string(columns) + ")");
+        throw py::value_error(std::string(name) + " must have shape (N, " +
+                              std::to_string(columns) + ")");
     return std::vector<T>(a.data(), a.data() + a.size());
 }
 
@@ -62,8 +63,13 @@ void set_camera(RenderDescription& d, const std::string& type, const Triple& ori
                 double focus_distance) {
     if (type != "pinhole" && type != "thin_lens")
         throw SceneError("camera_type", "camera type must be pinhole or thin_lens", "/camera/type");
-    d.camera = {type == "thin_lens" ? CameraType::kThinLens : CameraType::kPinhole, vec3d(origin),
-                vec3d(target), vec3d(up), vfov_deg, aperture_radius, focus_distance};
+    d.camera = {type == "thin_lens" ? CameraType::kThinLens : CameraType::kPinhole,
+                vec3d(origin),
+                vec3d(target),
+                vec3d(up),
+                vfov_deg,
+                aperture_radius,
+                focus_distance};
 }
 
 int add_texture(RenderDescription& d, const Array<float>& pixels, const std::string& wrap,
@@ -90,8 +96,8 @@ int add_material(RenderDescription& d, const std::string& type, const py::dict& 
 }
 
 void add_mesh(RenderDescription& d, const py::object& positions, const py::object& triangles,
-              const py::object& normals, const py::object& uv, int material, const std::string& name,
-              const std::string& pointer) {
+              const py::object& normals, const py::object& uv, int material,
+              const std::string& name, const std::string& pointer) {
     MeshDescription m;
     m.positions = rows<float>(positions, 3, "positions");
     m.triangles = rows<std::uint32_t>(triangles, 3, "triangles");
@@ -103,7 +109,8 @@ void add_mesh(RenderDescription& d, const py::object& positions, const py::objec
     d.meshes.push_back(std::move(m));
 }
 
-void set_environment(RenderDescription& d, const Array<float>& pixels, double rotation_deg, double scale) {
+void set_environment(RenderDescription& d, const Array<float>& pixels, double rotation_deg,
+                     double scale) {
     auto data = image(pixels, "environment");
     d.environment = EnvironmentDescription{int(pixels.shape(1)), int(pixels.shape(0)),
                                            std::move(data), rotation_deg, scale};
@@ -119,8 +126,9 @@ void bind_description(py::module_& m) {
                                   "Plain data of a scene: names resolved, files read, metres, "
                                   "linear Rec.709, recentred before it is rounded to float.")
         .def(py::init<>())
-        .def("set_film", &set_film, py::arg("width"), py::arg("height"), py::arg("filter") = "gaussian",
-             py::arg("filter_radius") = 0.0F, py::arg("crop") = py::none())
+        .def("set_film", &set_film, py::arg("width"), py::arg("height"),
+             py::arg("filter") = "gaussian", py::arg("filter_radius") = 0.0F,
+             py::arg("crop") = py::none())
         .def("set_camera", &set_camera, py::arg("type"), py::arg("origin"), py::arg("target"),
              py::arg("up"), py::arg("vfov_deg"), py::arg("aperture_radius") = 0.0,
              py::arg("focus_distance") = 1.0)
@@ -132,31 +140,35 @@ void bind_description(py::module_& m) {
         .def("add_mesh", &add_mesh, py::arg("positions"), py::arg("triangles"),
              py::arg("normals") = py::none(), py::arg("uv") = py::none(), py::arg("material") = 0,
              py::arg("name") = "", py::arg("pointer") = "")
-        .def("add_sphere",
-             [](RenderDescription& d, const Triple& center, double radius, int material,
-                const std::string& pointer) {
-                 d.spheres.push_back({vec3f(center), float(radius), material, pointer});
-             },
-             py::arg("center"), py::arg("radius"), py::arg("material"), py::arg("pointer") = "")
-        .def("add_rectangle_light",
-             [](RenderDescription& d, const Triple& corner, const Triple& edge_u,
-                const Triple& edge_v, const Triple& radiance, const std::string& pointer) {
-                 d.lights.emplace_back(RectangleLightDescription{
-                     vec3f(corner), vec3f(edge_u), vec3f(edge_v), spectrum(radiance), pointer});
-             },
-             py::arg("corner"), py::arg("edge_u"), py::arg("edge_v"), py::arg("radiance"),
-             py::arg("pointer") = "")
-        .def("add_point_light",
-             [](RenderDescription& d, const Triple& position, const Triple& intensity) {
-                 d.lights.emplace_back(PointLightDescription{vec3f(position), spectrum(intensity)});
-             },
-             py::arg("position"), py::arg("intensity"))
-        .def("add_directional_light",
-             [](RenderDescription& d, const Triple& direction, const Triple& irradiance) {
-                 d.lights.emplace_back(
-                     DirectionalLightDescription{vec3f(direction), spectrum(irradiance)});
-             },
-             py::arg("direction"), py::arg("irradiance"))
+        .def(
+            "add_sphere",
+            [](RenderDescription& d, const Triple& center, double radius, int material,
+               const std::string& pointer) {
+                d.spheres.push_back({vec3f(center), float(radius), material, pointer});
+            },
+            py::arg("center"), py::arg("radius"), py::arg("material"), py::arg("pointer") = "")
+        .def(
+            "add_rectangle_light",
+            [](RenderDescription& d, const Triple& corner, const Triple& edge_u,
+               const Triple& edge_v, const Triple& radiance, const std::string& pointer) {
+                d.lights.emplace_back(RectangleLightDescription{
+                    vec3f(corner), vec3f(edge_u), vec3f(edge_v), spectrum(radiance), pointer});
+            },
+            py::arg("corner"), py::arg("edge_u"), py::arg("edge_v"), py::arg("radiance"),
+            py::arg("pointer") = "")
+        .def(
+            "add_point_light",
+            [](RenderDescription& d, const Triple& position, const Triple& intensity) {
+                d.lights.emplace_back(PointLightDescription{vec3f(position), spectrum(intensity)});
+            },
+            py::arg("position"), py::arg("intensity"))
+        .def(
+            "add_directional_light",
+            [](RenderDescription& d, const Triple& direction, const Triple& irradiance) {
+                d.lights.emplace_back(
+                    DirectionalLightDescription{vec3f(direction), spectrum(irradiance)});
+            },
+            py::arg("direction"), py::arg("irradiance"))
         .def("set_environment", &set_environment, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
         .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
@@ -174,7 +186,8 @@ py::dict stats_dict(const Scene& scene) {
     return d;
 }
 
-py::dict intersect(const Scene& scene, const Array<float>& origins, const Array<float>& directions) {
+py::dict intersect(const Scene& scene, const Array<float>& origins,
+                   const Array<float>& directions) {
     if (origins.ndim() != 2 || origins.shape(1) != 3 || directions.ndim() != 2 ||
         directions.shape(1) != 3 || origins.shape(0) != directions.shape(0))
         throw py::value_error("origins and directions must both have shape (N, 3)");
@@ -212,8 +225,10 @@ py::dict intersect(const Scene& scene, const Array<float>& origins, const Array<
 
 void bind_scene(py::module_& m) {
     bind_description(m);
-    py::class_<Scene, std::shared_ptr<Scene>>(m, "Scene", "A built scene; immutable, shared by threads.")
-        .def(py::init([](const RenderDescription& d, int threads, const std::shared_ptr<CancelToken>& cancel) {
+    py::class_<Scene, std::shared_ptr<Scene>>(m, "Scene",
+                                              "A built scene; immutable, shared by threads.")
+        .def(py::init([](const RenderDescription& d, int threads,
+                         const std::shared_ptr<CancelToken>& cancel) {
                  RenderDescription copy = d;
                  const py::gil_scoped_release release;
                  return std::make_shared<Scene>(std::move(copy), threads, cancel.get());

@@ -23,7 +23,8 @@ void sphere_bounds(const RTCBoundsFunctionArguments* args) {
 }
 
 SphereRay to_sphere_ray(const RTCRay& ray) {
-    return {{ray.org_x, ray.org_y, ray.org_z}, {ray.dir_x, ray.dir_y, ray.dir_z}, ray.tnear, ray.tfar};
+    return {
+        {ray.org_x, ray.org_y, ray.org_z}, {ray.dir_x, ray.dir_y, ray.dir_z}, ray.tnear, ray.tfar};
 }
 
 void sphere_intersect(const RTCIntersectFunctionNArguments* args) {
@@ -48,8 +49,8 @@ void sphere_occluded(const RTCOccludedFunctionNArguments* args) {
     if (intersect_sphere(sphere, to_sphere_ray(ray))) ray.tfar = -kInfinity<float>;
 }
 
-/// Not 0: on a plane through the origin of an axis the error bound of a point is exactly 0, and so is
-/// the distance at which a ray that starts there meets the plane again.
+/// Not 0: on a plane through the origin of an axis the error bound of a point is exactly 0, and so
+/// is the distance at which a ray that starts there meets the plane again.
 constexpr float kNear = std::numeric_limits<float>::min();
 
 RTCRay to_embree(const Ray& ray) {

@@ -28,14 +28,16 @@ struct RayHit {
     bool missed() const { return geometry == kMiss; }
 };
 
-/// Built with RTC_SCENE_FLAG_ROBUST (watertight at edges) and MEDIUM quality: HIGH is not repeatable.
+/// Built with RTC_SCENE_FLAG_ROBUST (watertight at edges) and MEDIUM quality: HIGH is not
+/// repeatable.
 class EmbreeScene {
  public:
     explicit EmbreeScene(int threads);
 
     /// Both return the geometry id of later hits. `positions` must stay alive and hold one float
     /// more than 3 per vertex (Embree reads 16 bytes at the last vertex).
-    std::uint32_t add_mesh(std::span<const float> positions, std::span<const std::uint32_t> indices);
+    std::uint32_t add_mesh(std::span<const float> positions,
+                           std::span<const std::uint32_t> indices);
     /// One geometry for all spheres; `spheres` must stay alive.
     std::uint32_t add_spheres(std::span<const Sphere> spheres);
     /// Builds the hierarchy; polls `cancel` if given.

@@ -11,7 +11,8 @@ template <class R>
 struct Frame {
     Vec3<R> s{R(1), R(0), R(0)}, t{R(0), R(1), R(0)}, n{R(0), R(0), R(1)};
 
-    /// Any frame about a unit normal (Duff, Burgess, Christensen, Hery, Kensler, Liani, Villemin 2017).
+    /// Any frame about a unit normal (Duff, Burgess, Christensen, Hery, Kensler, Liani, Villemin
+    /// 2017).
     static Frame from_normal(Vec3<R> n) {
         const R sign = std::copysign(R(1), n.z);
         const R a = R(-1) / (sign + n.z);

@@ -21,7 +21,8 @@ inline constexpr R kInfinity = std::numeric_limits<R>::infinity();
 template <class R>
 inline constexpr R kOneMinusEpsilon = R(1) - std::numeric_limits<R>::epsilon() / 2;
 
-/// Bound on the relative error of n rounded operations: n e / (1 - n e), e half an ulp (Higham 2002).
+/// Bound on the relative error of n rounded operations: n e / (1 - n e), e half an ulp (Higham
+/// 2002).
 template <class R>
 constexpr R gamma_bound(int n) {
     const R e = std::numeric_limits<R>::epsilon() / 2;

@@ -51,9 +51,7 @@ struct alignas(kLanes * sizeof(R)) Spectrum {
     constexpr R min_value() const { return std::min(v[0], std::min(v[1], v[2])); }
     constexpr R average() const { return (v[0] + v[1] + v[2]) * (R(1) / R(kActiveLanes)); }
     /// Rec.709 luminance, the weight of every light and lobe choice.
-    constexpr R luminance() const {
-        return R(0.2126) * v[0] + R(0.7152) * v[1] + R(0.0722) * v[2];
-    }
+    constexpr R luminance() const { return R(0.2126) * v[0] + R(0.7152) * v[1] + R(0.0722) * v[2]; }
     constexpr bool is_black() const { return v[0] == R(0) && v[1] == R(0) && v[2] == R(0); }
     bool is_finite() const {
         return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);

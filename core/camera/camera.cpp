@@ -17,7 +17,8 @@ Camera::Camera(Vec3d origin, Vec3d target, Vec3d up, double vfov_deg, double ape
     const Vec3d forward = target - origin;
     const double distance = length(forward);
     if (!(distance > 0))
-        throw SceneError("camera_target", "camera origin and target are the same point", "/camera/target");
+        throw SceneError("camera_target", "camera origin and target are the same point",
+                         "/camera/target");
     const Vec3d f = forward / distance;
     const Vec3d right = cross(f, up);
     if (!(length(right) > 1e-9 * length(up)))

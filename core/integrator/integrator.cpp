@@ -17,8 +17,12 @@ constexpr int kRouletteDepth = 4;
 /// One path from the camera.
 class Walk {
  public:
-    Walk(const Scene& scene, const PathSettings& settings, const Sampler& sampler, Counters& counters)
-        : scene_(scene), settings_(settings), sampler_(sampler), counters_(counters),
+    Walk(const Scene& scene, const PathSettings& settings, const Sampler& sampler,
+         Counters& counters)
+        : scene_(scene),
+          settings_(settings),
+          sampler_(sampler),
+          counters_(counters),
           interior_(scene.camera_interior()) {}
 
     PathResult run(Ray ray) {
@@ -28,7 +32,8 @@ class Walk {
         for (int segment = 0; segment < 2 * kDepthGuard; ++segment) {
             ++counters_.rays;
             const RayHit hit = scene_.intersect(ray_);
-            if (!interior_.empty()) beta_ *= absorb(scene_, interior_, hit.missed() ? kInfinity<float> : hit.t);
+            if (!interior_.empty())
+                beta_ *= absorb(scene_, interior_, hit.missed() ? kInfinity<float> : hit.t);
             if (hit.missed()) {
                 escape();
                 break;
@@ -37,7 +42,8 @@ class Walk {
             float eta_rel = 1;
             if (s.material >= 0 && scene_.materials()[s.material].has_interior) {
                 const bool entering = dot(s.point.n_g, ray_.direction) < 0;
-                const auto crossing = cross_interface(scene_.materials(), s.material, entering, interior_);
+                const auto crossing =
+                    cross_interface(scene_.materials(), s.material, entering, interior_);
                 if (crossing.hidden) {
                     move_through(scene_, s, entering, interior_, counters_);
                     ray_.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray_.direction);
@@ -72,7 +78,8 @@ class Walk {
             return;
         }
         if (environment == nullptr) return;
-        const float w = emission_weight(specular_ ? 0 : scene_.lights().pdf_environment(ray_.direction));
+        const float w =
+            emission_weight(specular_ ? 0 : scene_.lights().pdf_environment(ray_.direction));
         if (w > 0) add(beta_ * environment->radiance(ray_.direction) * w, -1);
     }
 

@@ -55,11 +55,13 @@ ShapeSample SphereShape::sample(Vec3f reference, const SampleBlock& u) const {
     Vec3f n;
     if (sin2_max < 1) {
         // 1 - cos of the cone angle without cancellation, then the point where the chosen direction
-        // enters the sphere, as a normal seen from the centre (Pharr, Jakob, Humphreys 2023, 6.2.4).
+        // enters the sphere, as a normal seen from the centre (Pharr, Jakob, Humphreys
+        // 2023, 6.2.4).
         const float cos_max = safe_sqrt(1 - sin2_max);
         const float one_minus_cos = s.x * sin2_max / (1 + cos_max);
         const float sin2 = one_minus_cos * (2 - one_minus_cos), cos_theta = 1 - one_minus_cos;
-        const float cos_alpha = sin2 / std::sqrt(sin2_max) + cos_theta * safe_sqrt(1 - sin2 / sin2_max);
+        const float cos_alpha =
+            sin2 / std::sqrt(sin2_max) + cos_theta * safe_sqrt(1 - sin2 / sin2_max);
         const float sin_alpha = safe_sqrt(1 - cos_alpha * cos_alpha);
         const Framef frame = Framef::from_normal(normalize(to_center));
         n = frame.to_world({sin_alpha * std::cos(phi), sin_alpha * std::sin(phi), -cos_alpha});

@@ -17,9 +17,9 @@ namespace matiere {
 /// A point on a light, chosen for a reference point.
 struct ShapeSample {
     Vec3f p, n;
-    Vec3f error;           ///< absolute bound on the rounding of p
-    Vec2f uv;              ///< texture coordinates
-    float pdf;             ///< per solid angle at the reference point
+    Vec3f error;  ///< absolute bound on the rounding of p
+    Vec2f uv;     ///< texture coordinates
+    float pdf;    ///< per solid angle at the reference point
 };
 
 /// Converts a density per area into one per solid angle; zero at grazing and coincident points.

@@ -30,14 +30,17 @@ Spectrumf EnvironmentLight::pixel(int x, int y) const {
 void EnvironmentLight::build_distribution() {
     const auto w = std::size_t(width_), h = std::size_t(height_);
     cos_edge_.resize(h + 1);
-    for (std::size_t y = 0; y <= h; ++y) cos_edge_[y] = std::cos(kPi<double> * double(y) / double(h));
+    for (std::size_t y = 0; y <= h; ++y)
+        cos_edge_[y] = std::cos(kPi<double> * double(y) / double(h));
 
     std::vector<double> luminance(w * h), across(w * h), row_weight(h), cells(w);
     for (std::size_t i = 0; i < w * h; ++i)
-        luminance[i] = double(Spectrumf(pixels_[3 * i], pixels_[3 * i + 1], pixels_[3 * i + 2]).luminance());
+        luminance[i] =
+            double(Spectrumf(pixels_[3 * i], pixels_[3 * i + 1], pixels_[3 * i + 2]).luminance());
     for (std::size_t y = 0; y < h; ++y)
         for (std::size_t x = 0; x < w; ++x)
-            across[y * w + x] = 0.75 * luminance[y * w + x] + 0.125 * luminance[y * w + (x + 1) % w] +
+            across[y * w + x] = 0.75 * luminance[y * w + x] +
+                                0.125 * luminance[y * w + (x + 1) % w] +
                                 0.125 * luminance[y * w + (x + w - 1) % w];
 
     double total = 0;
@@ -46,7 +49,8 @@ void EnvironmentLight::build_distribution() {
         const std::size_t above = y == 0 ? y : y - 1, below = y + 1 == h ? y : y + 1;
         double sum = 0;
         for (std::size_t x = 0; x < w; ++x) {
-            cells[x] = 0.75 * across[y * w + x] + 0.125 * (across[above * w + x] + across[below * w + x]);
+            cells[x] =
+                0.75 * across[y * w + x] + 0.125 * (across[above * w + x] + across[below * w + x]);
             sum += cells[x];
         }
         columns_.emplace_back(cells);
@@ -71,7 +75,8 @@ EnvironmentLight::Texel EnvironmentLight::to_texel(Vec3f d) const {
 
 Vec3f EnvironmentLight::from_angles(float sin_theta, float cos_theta, float phi) const {
     const float x = sin_theta * std::sin(phi), z = -sin_theta * std::cos(phi);
-    return {cos_rotation_ * x + sin_rotation_ * z, cos_theta, -sin_rotation_ * x + cos_rotation_ * z};
+    return {cos_rotation_ * x + sin_rotation_ * z, cos_theta,
+            -sin_rotation_ * x + cos_rotation_ * z};
 }
 
 Spectrumf EnvironmentLight::lookup(Texel t) const {
@@ -91,7 +96,8 @@ Spectrumf EnvironmentLight::radiance(Vec3f direction) const {
 float EnvironmentLight::pdf(Vec3f direction) const {
     if (rows_.empty()) return 0;
     const Texel t = to_texel(direction);
-    const auto x = std::size_t(std::min(int(t.u), width_ - 1)), y = std::size_t(std::min(int(t.v), height_ - 1));
+    const auto x = std::size_t(std::min(int(t.u), width_ - 1)),
+               y = std::size_t(std::min(int(t.v), height_ - 1));
     if (columns_[y].empty()) return 0;
     const double solid_angle = (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(width_);
     return float(double(rows_.probability(y)) * double(columns_[y].probability(x)) / solid_angle);
@@ -108,7 +114,8 @@ std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(const SampleBlo
     // sin from theta's distance to the nearer pole, not from 1 - cos^2.
     const double one_minus = 1 - std::abs(c0 + double(row.remainder) * (c1 - c0));
     const auto sin_theta = float(std::sqrt(std::max(0.0, one_minus * (2 - one_minus))));
-    const float phi = kTwoPi<float> * ((float(column.index) + column.remainder) / float(width_) - 0.5F);
+    const float phi =
+        kTwoPi<float> * ((float(column.index) + column.remainder) / float(width_) - 0.5F);
 
     const Vec3f wi = from_angles(sin_theta, cos_theta, phi);
     const double solid_angle = (c0 - c1) * 2 * kPi<double> / double(width_);

@@ -19,19 +19,21 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
     const double disk = radius * radius;
     const auto sides = [&](int m) { return materials[m].two_sided ? 2.0 : 1.0; };
     return std::visit(
-        Overload{[](const PointLight& l) { return 4 * luminance(l.intensity); },
-                 [&](const DirectionalLight& l) { return disk * luminance(l.irradiance); },
-                 [](const RectangleLight& l) { return double(l.shape.area) * luminance(l.radiance); },
-                 [&](const MeshLight& l) {
-                     return l.shape.area() * luminance(materials[l.material].emission) * sides(l.material);
-                 },
-                 [&](const SphereLight& l) {
-                     const double r = double(l.shape.sphere.radius);
-                     return 4 * kPi<double> * r * r * luminance(materials[l.material].emission);
-                 },
-                 [&](const EnvironmentTag&) {
-                     return 4 * kPi<double> * disk * environment->mean_luminance();
-                 }},
+        Overload{
+            [](const PointLight& l) { return 4 * luminance(l.intensity); },
+            [&](const DirectionalLight& l) { return disk * luminance(l.irradiance); },
+            [](const RectangleLight& l) { return double(l.shape.area) * luminance(l.radiance); },
+            [&](const MeshLight& l) {
+                return l.shape.area() * luminance(materials[l.material].emission) *
+                       sides(l.material);
+            },
+            [&](const SphereLight& l) {
+                const double r = double(l.shape.sphere.radius);
+                return 4 * kPi<double> * r * r * luminance(materials[l.material].emission);
+            },
+            [&](const EnvironmentTag&) {
+                return 4 * kPi<double> * disk * environment->mean_luminance();
+            }},
         light);
 }
 
@@ -83,44 +85,44 @@ LightSet::LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> en
 std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& u) const {
     const auto choice = choice_.sample(u.bits[0]);
     auto found = std::visit(
-        Overload{
-            [&](const PointLight& l) -> std::optional<LightSample> {
-                const Vec3f to_light = l.position - reference;
-                const float d2 = length_squared(to_light);
-                if (!(d2 > 0)) return std::nullopt;
-                auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
-                s.p = l.position;
-                return s;
-            },
-            [&](const DirectionalLight& l) -> std::optional<LightSample> {
-                auto s = delta_sample(-l.direction, l.irradiance);
-                s.infinite = true;
-                return s;
-            },
-            [&](const RectangleLight& l) {
-                return shape_sample(reference, l.shape.sample(reference, u), l.radiance, false);
-            },
-            [&](const MeshLight& l) -> std::optional<LightSample> {
-                const auto s = l.shape.sample(reference, u);
-                if (!s) return std::nullopt;
-                return shape_sample(reference, *s, materials_->emission(l.material, s->uv),
-                                    (*materials_)[l.material].two_sided);
-            },
-            [&](const SphereLight& l) {
-                const auto s = l.shape.sample(reference, u);
-                return shape_sample(reference, s, materials_->emission(l.material, s.uv),
-                                    (*materials_)[l.material].two_sided);
-            },
-            [&](const EnvironmentTag&) -> std::optional<LightSample> {
-                const auto e = environment_->sample(u);
-                if (!e || !(e->pdf > 0)) return std::nullopt;
-                LightSample s;
-                s.wi = e->wi;
-                s.weight = e->radiance * (1 / e->pdf);
-                s.pdf = e->pdf;
-                s.infinite = true;
-                return s;
-            }},
+        Overload{[&](const PointLight& l) -> std::optional<LightSample> {
+                     const Vec3f to_light = l.position - reference;
+                     const float d2 = length_squared(to_light);
+                     if (!(d2 > 0)) return std::nullopt;
+                     auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
+                     s.p = l.position;
+                     return s;
+                 },
+                 [&](const DirectionalLight& l) -> std::optional<LightSample> {
+                     auto s = delta_sample(-l.direction, l.irradiance);
+                     s.infinite = true;
+                     return s;
+                 },
+                 [&](const RectangleLight& l) {
+                     return shape_sample(reference, l.shape.sample(reference, u), l.radiance,
+                                         false);
+                 },
+                 [&](const MeshLight& l) -> std::optional<LightSample> {
+                     const auto s = l.shape.sample(reference, u);
+                     if (!s) return std::nullopt;
+                     return shape_sample(reference, *s, materials_->emission(l.material, s->uv),
+                                         (*materials_)[l.material].two_sided);
+                 },
+                 [&](const SphereLight& l) {
+                     const auto s = l.shape.sample(reference, u);
+                     return shape_sample(reference, s, materials_->emission(l.material, s.uv),
+                                         (*materials_)[l.material].two_sided);
+                 },
+                 [&](const EnvironmentTag&) -> std::optional<LightSample> {
+                     const auto e = environment_->sample(u);
+                     if (!e || !(e->pdf > 0)) return std::nullopt;
+                     LightSample s;
+                     s.wi = e->wi;
+                     s.weight = e->radiance * (1 / e->pdf);
+                     s.pdf = e->pdf;
+                     s.infinite = true;
+                     return s;
+                 }},
         lights_[choice.index]);
     if (!found) return std::nullopt;
     found->weight *= 1 / choice.probability;
@@ -131,17 +133,19 @@ std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& 
 float LightSet::pdf(Vec3f reference, const LightHit& hit) const {
     const auto i = std::size_t(hit.light);
     const float pdf = std::visit(
-        Overload{[&](const RectangleLight& l) { return l.shape.pdf(reference, hit.p); },
-                 [&](const MeshLight& l) { return l.shape.pdf(reference, hit.primitive, hit.p, hit.n); },
-                 [&](const SphereLight& l) { return l.shape.pdf(reference, hit.p, hit.n); },
-                 [](const auto&) { return 0.0F; }},
+        Overload{
+            [&](const RectangleLight& l) { return l.shape.pdf(reference, hit.p); },
+            [&](const MeshLight& l) { return l.shape.pdf(reference, hit.primitive, hit.p, hit.n); },
+            [&](const SphereLight& l) { return l.shape.pdf(reference, hit.p, hit.n); },
+            [](const auto&) { return 0.0F; }},
         lights_[i]);
     return pdf * choice_.probability(i);
 }
 
 Spectrumf LightSet::emitted(int light, Vec2f uv, bool front) const {
     const auto of_material = [&](int material) {
-        return front || (*materials_)[material].two_sided ? materials_->emission(material, uv) : Spectrumf();
+        return front || (*materials_)[material].two_sided ? materials_->emission(material, uv)
+                                                          : Spectrumf();
     };
     return std::visit(
         Overload{[&](const RectangleLight& l) { return front ? l.radiance : Spectrumf(); },

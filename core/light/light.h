@@ -1,5 +1,5 @@
-// All lights of a scene behind one choice: power-weighted, half of it uniform, so that a light whose
-// power is misjudged from where a path stands still gets its share.
+// All lights of a scene behind one choice: power-weighted, half of it uniform, so that a light
+// whose power is misjudged from where a path stands still gets its share.
 #pragma once
 
 #include <cstdint>
@@ -48,10 +48,10 @@ using Light = std::variant<PointLight, DirectionalLight, RectangleLight, MeshLig
 
 /// Light arriving at a reference point from one sampled place.
 struct LightSample {
-    Vec3f wi;          ///< unit, towards the light
-    Spectrumf weight;  ///< incident radiance (or irradiance for a delta) over the density
-    float pdf = 0;     ///< per solid angle with the choice of the light; 0 for delta lights
-    Vec3f p, error, n; ///< where the shadow ray ends; unused at infinity
+    Vec3f wi;           ///< unit, towards the light
+    Spectrumf weight;   ///< incident radiance (or irradiance for a delta) over the density
+    float pdf = 0;      ///< per solid angle with the choice of the light; 0 for delta lights
+    Vec3f p, error, n;  ///< where the shadow ray ends; unused at infinity
     bool infinite = false;
     bool delta = false;
 };

@@ -41,8 +41,10 @@ DiscreteDistribution::Choice DiscreteDistribution::sample(std::uint32_t u) const
     const auto it = std::upper_bound(end_.begin(), end_.end(), lattice);
     const auto i = std::size_t(it - end_.begin());
     const std::uint32_t first = begin(i), count = end_[i] - first;
-    const float remainder = (float(lattice - first) + 0.5F * float(1U + (u & 1U)) - 0.25F) / float(count);
-    return {std::uint32_t(i), float(count) * 0x1p-31F, std::min(remainder, kOneMinusEpsilon<float>)};
+    const float remainder =
+        (float(lattice - first) + 0.5F * float(1U + (u & 1U)) - 0.25F) / float(count);
+    return {std::uint32_t(i), float(count) * 0x1p-31F,
+            std::min(remainder, kOneMinusEpsilon<float>)};
 }
 
 }  // namespace matiere

@@ -1,6 +1,7 @@
 // A discrete distribution whose probabilities are exactly those that sampling produces: weights are
 // quantised to multiples of 2^-31 of the lattice that the sampler draws from, and `probability`
-// returns the quantised value. A float CDF biases cells whose probability is near its rounding error.
+// returns the quantised value. A float CDF biases cells whose probability is near its rounding
+// error.
 #pragma once
 
 #include <cstdint>

@@ -35,13 +35,15 @@ class Sampler {
     /// Pixels are scrambled independently (no screen-space blue noise): intervals pooled over
     /// pixels rest on that. `index` counts samples inside the replicate.
     Sampler(std::uint64_t seed, std::uint32_t replicate, int x, int y, std::uint64_t index)
-        : key_(hash_words(seed, replicate, std::uint64_t(std::uint32_t(x)) |
-                                               (std::uint64_t(std::uint32_t(y)) << 32U),
-                          index >> 32U)),
+        : key_(
+              hash_words(seed, replicate,
+                         std::uint64_t(std::uint32_t(x)) | (std::uint64_t(std::uint32_t(y)) << 32U),
+                         index >> 32U)),
           index_(std::uint32_t(index)) {}
 
     SampleBlock block(std::uint32_t bounce, Purpose purpose) const {
-        const std::uint64_t slot = std::uint64_t(bounce) * unsigned(Purpose::kCount) + unsigned(purpose);
+        const std::uint64_t slot =
+            std::uint64_t(bounce) * unsigned(Purpose::kCount) + unsigned(purpose);
         const std::uint64_t h = mix64(key_ + (slot + 1) * 0x9e3779b97f4a7c15ULL);
         const std::uint64_t g = mix64(h ^ 0xd1b54a32d192ed03ULL);
         const auto shuffle_seed = std::uint32_t(mix64(g + h) >> 32U);

@@ -1,5 +1,6 @@
 // Which media a path is inside of: a fixed stack of (material, priority), so that closed dielectric
-// shapes may overlap and nest (Schmidt & Budge 2002, "Simple Nested Dielectrics in Ray Traced Images").
+// shapes may overlap and nest (Schmidt & Budge 2002, "Simple Nested Dielectrics in Ray Traced
+// Images").
 #pragma once
 
 #include <array>
@@ -77,8 +78,8 @@ struct InterfaceCrossing {
 };
 
 /// `entering`: the path comes from outside the closed shape.
-inline InterfaceCrossing cross_interface(const MaterialTable& materials, int material, bool entering,
-                                         const InteriorStack& inside) {
+inline InterfaceCrossing cross_interface(const MaterialTable& materials, int material,
+                                         bool entering, const InteriorStack& inside) {
     const auto eta = [&](int m) { return m < 0 ? 1.0F : materials[m].eta_interior; };
     if (entering) {
         const int around = inside.current();

@@ -14,25 +14,29 @@ void check_mesh(const MeshDescription& m, int materials) {
     const std::size_t vertices = m.positions.size() / 3;
     for (const float x : m.positions)
         if (!std::isfinite(x))
-            throw SceneError("not_finite", "mesh '" + m.name + "' has a position that is not finite",
+            throw SceneError("not_finite",
+                             "mesh '" + m.name + "' has a position that is not finite",
                              m.pointer + "/positions");
     for (const std::uint32_t i : m.triangles)
         if (i >= vertices)
             throw SceneError("index_range",
-                             "triangle index " + std::to_string(i) + " is not below the vertex count " +
-                                 std::to_string(vertices),
+                             "triangle index " + std::to_string(i) +
+                                 " is not below the vertex count " + std::to_string(vertices),
                              m.pointer + "/triangles");
     if (!m.normals.empty() && m.normals.size() != m.positions.size())
-        throw SceneError("normals", "a mesh needs one normal per vertex or none", m.pointer + "/normals");
+        throw SceneError("normals", "a mesh needs one normal per vertex or none",
+                         m.pointer + "/normals");
     if (!m.uv.empty() && m.uv.size() != vertices * 2)
         throw SceneError("uv", "a mesh needs one uv pair per vertex or none", m.pointer + "/uv");
     if (m.material < 0 || m.material >= materials)
-        throw SceneError("material", "mesh '" + m.name + "' has no material", m.pointer + "/material");
+        throw SceneError("material", "mesh '" + m.name + "' has no material",
+                         m.pointer + "/material");
 }
 
 MeshDescription rectangle_mesh(const RectangleLightDescription& r) {
     MeshDescription m;
-    for (const Vec3f p : {r.corner, r.corner + r.edge_u, r.corner + r.edge_u + r.edge_v, r.corner + r.edge_v}) {
+    for (const Vec3f p :
+         {r.corner, r.corner + r.edge_u, r.corner + r.edge_u + r.edge_v, r.corner + r.edge_v}) {
         m.positions.push_back(p.x);
         m.positions.push_back(p.y);
         m.positions.push_back(p.z);
@@ -85,7 +89,8 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     stats_.spheres = spheres_.size();
     stats_.lights = std::uint64_t(lights_->size());
     stats_.materials = std::uint64_t(materials_->size());
-    stats_.build_s = std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
+    stats_.build_s =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
 void Scene::add_meshes(std::vector<MeshDescription>&& meshes) {

@@ -77,7 +77,7 @@ def test_a_value_depends_on_its_coordinates_alone() -> None:
 
 
 def test_integration_converges_faster_than_random() -> None:
-    """A smooth 2-D integrand: scrambled Sobol variance at 64 points is far below 1/64 of white noise."""
+    """A smooth 2-D integrand: the variance at 64 points is far below 1/64 of white noise."""
     estimates = []
     for pixel in range(200):
         u = unit(seed=0, replicate=0, x=pixel, y=9, first=0, count=64)

@@ -49,6 +49,6 @@ def measure(scene: Any, size: int = 4, **keys: Any) -> tuple[np.ndarray, np.ndar
 
 
 def assert_agrees(mean: np.ndarray, expected: Any, error: np.ndarray) -> None:
-    """Fail beyond four standard errors, or two parts in a million where stratification leaves none."""
+    """Fail beyond four standard errors, or 2e-6 where stratification leaves none."""
     gap = np.abs(mean - np.asarray(expected))
     assert np.all(gap <= 4 * error + 2e-6 * np.abs(expected)), (mean, expected, error)
