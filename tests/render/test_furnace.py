@@ -44,8 +44,7 @@ def furnace(material: dict[str, Any], shape: str) -> np.ndarray:
     film = _core.Film(16, 16, 4)
     report = _core.render(_core.Scene(d), _core.Settings(1), film, {"spp": 256}, 2)
     assert report["log"][-1]["rejected"] == 0
-    replicates = np.asarray(film.sums)[..., :3] / (film.spp / 4)
-    return replicates
+    return np.asarray(film.sums)[..., :3] / (film.spp / 4)
 
 
 def mean_and_error(replicates: np.ndarray) -> tuple[float, float]:

@@ -1,5 +1,6 @@
 """The path integrator: depth, strategies, background, random numbers."""
 
+import itertools
 from typing import Any
 
 import numpy as np
@@ -69,7 +70,7 @@ def test_depth_counts_scattering_events() -> None:
     assert 0 < lit.mean() < 0.2
     assert np.all(seen[lit] <= 12 * (1 + 1e-6))
     totals = [m.mean() for m in means]
-    assert all(b > a for a, b in zip(totals, totals[1:], strict=False)), totals
+    assert all(b > a for a, b in itertools.pairwise(totals)), totals
 
 
 def test_transparent_background_has_alpha_zero() -> None:

@@ -27,7 +27,7 @@ def test_every_power_of_two_prefix_is_stratified(bounce: int, purpose: int) -> N
 
 
 def test_first_two_dimensions_form_a_net() -> None:
-    """Sobol's first two dimensions are a (0, m, 2)-net: every elementary interval holds one point."""
+    """A (0, m, 2)-net: every elementary interval of area 2^-m holds one point."""
     points = unit(seed=1, replicate=0, x=5, y=5, first=0, count=64)[:, :2]
     for a in range(7):
         cells = np.floor(points * [2**a, 2 ** (6 - a)]).astype(int)
@@ -60,7 +60,7 @@ def test_replicates_are_uncorrelated() -> None:
 
 
 def test_blocks_of_one_pixel_are_uncorrelated() -> None:
-    """The index shuffle decouples blocks: consecutive points of two blocks must not move together."""
+    """The index shuffle decouples blocks: their points do not move together."""
     total = []
     for pixel in range(300):
         a = unit(seed=2, replicate=0, x=pixel, y=0, first=0, count=64, bounce=0, purpose=1)
