@@ -107,6 +107,11 @@ class Scene:
                     raise SceneValidationError([Fault(where, code, why)]) from None
             return self._built
 
+    def with_render(self, **changes: Any) -> Scene:
+        """Return the scene with other render settings, its files shared and nothing built."""
+        render = self.model.render.model_copy(update=changes)
+        return Scene(self.model.model_copy(update={"render": render}), self._root)
+
     def to_dict(self) -> dict[str, Any]:
         """Return the scene as plain JSON values, with what was not given left out."""
         made: dict[str, Any] = given(self.model)

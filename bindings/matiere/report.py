@@ -1,0 +1,170 @@
+"""The report of a render: error against run time, what was counted, what it was made with."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from matiere.film import Film
+
+VERSION = 1
+# What ended a render, in words.
+REASONS = {
+    "spp": "the samples per pixel asked for were reached",
+    "cap": "the cap of 2^20 samples per pixel was reached",
+    "seconds": "the time asked for was used up (the next pass would have overshot)",
+    "target_error": "the upper end of the 95 % interval fell below the error asked for",
+    "callback": "the callback asked to stop",
+    "merged": "films of several seeds were merged",
+}
+# Counters that warn of a scene or a numeric problem, in words.
+WARNINGS = {
+    "depth_guard": "paths were cut after 10,000 scattering events",
+    "interior_overflow": "entries found more than 8 nested media",
+    "unmatched_exits": "exits from a medium that was never entered (open or inside-out meshes)",
+}
+
+
+def film_report(film: Film) -> dict[str, Any]:
+    """Return the report of a film as plain JSON values; unknown figures are None."""
+    info, counters = film.info, film.core.counters
+    wall_s, samples = counters["wall_s"], counters["samples"]
+    if not wall_s and info.log:  # chunks rendered by jobs know no wall clock of their own
+        wall_s = info.log[-1]["wall_s"]
+    rays = counters["rays"] + counters["shadow_rays"]
+    return {
+        "report_version": VERSION,
+        "scene_digest": info.scene_digest,
+        "film_key": info.film_key,
+        "width": film.width,
+        "height": film.height,
+        "spp": film.spp,
+        "requested": dict(info.requested),
+        "spp_note": spp_note(film),
+        "replicates": film.replicates,
+        "seeds": list(info.seeds),
+        "max_depth": info.max_depth,
+        "reason": info.reason,
+        "reason_text": REASONS.get(info.reason, ""),
+        "wall_s": wall_s,
+        "cpu_s": counters["cpu_s"],
+        "build_s": info.build_s,
+        "threads": info.threads,
+        "error": {**film.error, "standard_error": standard_error_summary(film)},
+        "log": [dict(row) for row in info.log],
+        "samples": samples,
+        "rays": rays,
+        "samples_per_s": samples / wall_s if wall_s else None,
+        "rays_per_s": rays / wall_s if wall_s else None,
+        "counters": {key: counters[key] for key in ("rays", "shadow_rays", *WARNINGS)},
+        "rejected": rejections(counters, info.materials),
+        "rejected_total": counters["rejected_total"],
+        "warnings": warnings(film),
+        "bytes_per_pixel": film.core.bytes_per_pixel(film.replicates),
+        "versions": dict(info.versions),
+        "notes": [dict(note) for note in info.notes],
+    }
+
+
+def standard_error_summary(film: Film) -> dict[str, float | None]:
+    """Return mean, 95th percentile and maximum of the pixels' standard errors (radiance units)."""
+    values = film.standard_error
+    known = values[np.isfinite(values)]
+    if not known.size:
+        return {"mean": None, "p95": None, "max": None}
+    return {
+        "mean": float(known.mean()),
+        "p95": float(np.quantile(known, 0.95)),
+        "max": float(known.max()),
+    }
+
+
+def rejections(counters: Mapping[str, Any], names: tuple[str, ...]) -> list[dict[str, Any]]:
+    """Return rejected samples by material and cause; material None is a whole path."""
+    return [{**row, "material": _name(row["material"], names)} for row in counters["rejected"]]
+
+
+def _name(index: int | None, names: tuple[str, ...]) -> str | None:
+    if index is None:
+        return None
+    return names[index] if index < len(names) else f"material {index}"
+
+
+def spp_note(film: Film) -> str:
+    """Say in words how spp came out of what was asked for; empty if they are the same."""
+    asked = film.info.requested.get("spp")
+    if asked is None or asked == film.spp or film.info.reason != "spp":
+        return ""
+    if film.spp == film.core.plan.round_up(asked):
+        return f"{asked} samples per pixel were asked for, rounded up to {film.spp}, whole passes"
+    return f"{asked} samples per pixel were asked for, the film already had {film.spp}"
+
+
+def warnings(film: Film) -> list[str]:
+    """Return what the reader should know before trusting the image, in sentences."""
+    counters, error = film.core.counters, film.error
+    found = [f"{counters[key]} {text}" for key, text in WARNINGS.items() if counters[key]]
+    if counters["rejected_total"]:
+        found.append(f"{counters['rejected_total']} non-finite or negative values were rejected")
+    if not error["known"]:
+        found.append("the error is unknown: the replicates agree in every pixel, or there is one")
+    elif error["unknown_share"] > 0:
+        share = 100 * error["unknown_share"]
+        found.append(
+            f"{share:.3g} % of the pixels are without evidence (all replicates equal): "
+            "exact, or hiding a path too rare to have been found"
+        )
+    seconds = film.info.requested.get("seconds")
+    if seconds is not None and film.info.log and len(film.info.log) == 1:
+        wall = film.info.log[-1]["wall_s"]
+        if wall > 1.1 * seconds:
+            found.append(f"one pass took {wall:.3g} s, longer than the {seconds:.3g} s asked for")
+    return found
+
+
+def report_text(report: Mapping[str, Any]) -> str:
+    """Return a report as plain text: one line of facts, the table of looks, the warnings."""
+    head = (
+        f"{report['width']} x {report['height']}, {report['spp']} spp in {report['wall_s']:.2f} s "
+        f"({report['cpu_s']:.2f} s of CPU, {report['threads']} threads), "
+        f"stopped by {report['reason']}: {report['reason_text']}"
+    )
+    lines = [head, "", _error_line(report["error"]), "", *_table(report["log"])]
+    extra = [report["spp_note"], *report["warnings"]]
+    lines += ["", *(f"note: {line}" for line in extra if line)] if any(extra) else []
+    return "\n".join(lines).rstrip() + "\n"
+
+
+def _error_line(error: Mapping[str, Any]) -> str:
+    if not error["known"]:
+        return "relMSE unknown"
+    se = error["standard_error"]
+    return (
+        f"relMSE {_number(error['relmse'])} (95 %: {_number(error['lower'])} to "
+        f"{_number(error['upper'])}), RMSE {_number(error['rmse'])}, standard error mean "
+        f"{_number(se['mean'])}, p95 {_number(se['p95'])}, max {_number(se['max'])}, "
+        f"m {_number(error['log_average'])}, unknown {100 * error['unknown_share']:.3g} %"
+    )
+
+
+_COLUMNS = (
+    ("spp", "spp"), ("wall s", "wall_s"), ("CPU s", "cpu_s"), ("relMSE", "relmse"),
+    ("lower", "lower"), ("upper", "upper"), ("1/(relMSE s)", "efficiency"), ("rays", "rays"),
+    ("rejected", "rejected"),
+)  # fmt: skip
+
+
+def _table(log: list[Mapping[str, Any]]) -> list[str]:
+    rows = [[title for title, _ in _COLUMNS]]
+    rows += [[_number(row[key]) for _, key in _COLUMNS] for row in log]
+    widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
+    return ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
+
+
+def _number(value: Any) -> str:
+    if value is None:
+        return "unknown"
+    return str(value) if isinstance(value, int) else f"{value:.3g}"
