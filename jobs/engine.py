@@ -114,10 +114,12 @@ class Engine:
         module = importlib.import_module(options.work)
         self._submitter = Submitter(data, module, max_film_bytes)
         self._db.on_commit = self._notify
-        #: What the last instance left: claims_voided, chunks_voided, chunks_present.
+        #: What the last instance left: claims and chunks voided, chunks present (done, unmerged),
+        #: films begun, and the chunks these still miss to the end of their spp.
         self.resumed: JsonDict = self._db.write(
             lambda c: films.void_dead(c, self._instance_id, os.getpid())
         )
+        self.resumed |= self._begun(module)
         self._scheduler = Scheduler(database, data, options, module)
         self._scheduler.start()
 
@@ -222,8 +224,9 @@ class Engine:
     ) -> Job:
         """Validate, pin and queue one scene; the job is durable when this returns.
 
-        `stop` holds any of `spp`, `seconds`, `target_error` and overrides the scene's `render`
-        section. `priority` is 0..100, higher first. Pointers in errors are relative to the scene
+        `stop` holds any of `spp`, `seconds`, `target_error`; given, it replaces the scene's own
+        stop rule as in `mt.render`. `seconds` counts the film's render time as if all children
+        worked on it (thread seconds / slots). `priority` is 0..100, higher first. Pointers in errors are relative to the scene
         or to `stop` (prefix `/stop`). Raises `SceneValidationError` (all errors at once),
         `AssetMissing`, `IdempotencyConflict`, `DiskFull`, `Draining`.
         """
@@ -392,6 +395,13 @@ class Engine:
     def _accepting(self) -> None:
         if self._closed or self._scheduler.health.draining:
             raise Draining("the service is stopping and takes no new work; try again soon")
+
+    def _begun(self, work: Any) -> JsonDict:
+        begun = self._db.read(films.begun_films)
+        missing = sum(
+            work.plan(*size).chunk_count(cap) - merged - done for size, cap, merged, done in begun
+        )
+        return {"films_begun": len(begun), "chunks_missing": missing}
 
     def _artifact(self, blob: files.Blob | None, kind: str, why_not: str) -> Artifact:
         if blob is None:

@@ -33,6 +33,7 @@ log = logging.getLogger("matiere.jobs.scheduler")
 
 TICK_S = 0.2
 CLAIM_S = 1.0  # aimed render time of one claim
+LEAST_CLAIM_S = 0.1  # the tail of a film is shared out, but not in smaller pieces
 FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
 PIPELINE = 2  # claims a child may hold: one at work, one waiting
 MOST_CHUNKS = 4096  # of one claim
@@ -424,7 +425,9 @@ class Scheduler(threading.Thread):
         left = film.horizon() - film.prefix_chunks - len(film.done) - len(film.claimed)
         most = MOST_CHUNKS
         if sum(1 for f in self.films.values() if f.available()) <= 1:  # share the tail
-            most = max(self.options.threads, -(-left // (2 * self.options.children)))
+            share = -(-left // (2 * self.options.children))
+            worthwhile = int(LEAST_CLAIM_S * (rate or 0.0) / film.samples(film.prefix_chunks))
+            most = max(self.options.threads, share, worthwhile)
         chunks = film.take(aim, min(most, MOST_CHUNKS))
         if not chunks:
             return

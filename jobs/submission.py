@@ -149,11 +149,13 @@ def _check_request(request: Request) -> None:
 
 
 def _with_stop(scene: Mapping[str, Any], stop: Mapping[str, Any] | None) -> JsonDict:
+    """Put the request's stop rule in place of the scene's, as `mt.render` does."""
     given = {key: value for key, value in (stop or {}).items() if value is not None}
     render = scene.get("render", {})
     if not given or not isinstance(render, Mapping):
         return dict(scene)
-    return {**scene, "render": {**render, **given}}
+    kept = {key: value for key, value in render.items() if key not in STOP_KEYS}
+    return {**scene, "render": {**kept, **given}}
 
 
 def _on_stop(fault: Fault, stop: Mapping[str, Any] | None) -> Fault:

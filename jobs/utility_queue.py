@@ -26,6 +26,7 @@ log = logging.getLogger("matiere.jobs.utility")
 
 MERGE, IMAGES, SHEET = 0, 1, 2
 NAMES = {MERGE: "merge", IMAGES: "images", SHEET: "sheet"}
+WORDS = {MERGE: "merge its chunks", IMAGES: "make its images", SHEET: "draw its contact sheet"}
 MAX_TRIES = 3
 
 
@@ -148,7 +149,7 @@ class UtilityQueue:
         if task.tries < MAX_TRIES:
             self._requeue(task)
         else:
-            why = f"gave up after {task.tries} attempts to {NAMES[task.kind]}: {message}"
+            why = f"gave up after {task.tries} attempts to {WORDS[task.kind]}: {message}"
             self._give_up(task, JobError(kind, why, "", tail))
 
     def _give_up(self, task: Task, error: JobError) -> None:
@@ -231,6 +232,7 @@ class UtilityQueue:
             facts = views.job_facts(c, job_id)
             return facts | {
                 "film": film.digest,
+                "threads": self._scheduler.options.children * self._scheduler.options.threads,
                 "job": {
                     "id": job.id,
                     "label": job.label,

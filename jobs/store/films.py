@@ -286,12 +286,12 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
             )
         )
         _free_chunks(c, merged)
-    prefix = merged.prefix or _stored_prefix(c, merged.film_id)
-    for ended in merged.ended:
-        end_job(c, ended["job_id"], ended, prefix)
     for waiting in waiting_jobs(c, merged.film_id) if merged.prefix else []:
         facts = {k: merged.facts[k] for k in ("spp", "relmse", "lower", "upper")}
         emit(c, "look", job_id=waiting.id, **facts)
+    prefix = merged.prefix or _stored_prefix(c, merged.film_id)
+    for ended in merged.ended:
+        end_job(c, ended["job_id"], ended, prefix)
     return True
 
 
@@ -356,6 +356,26 @@ def void_dead(c: Connection, instance_id: str, pid: int) -> JsonDict:
         )
     )
     return {"claims_voided": len(dead), "chunks_voided": voided, "chunks_present": present}
+
+
+def begun_films(c: Connection) -> list[tuple[tuple[int, int, int], int, int, int]]:
+    """Return ((width, height, replicates), largest cap, merged, done) of films begun and wanted.
+
+    Merged and done count chunks; films that no chunk was rendered of are left out.
+    """
+    cap = sa.func.max(job.c.spp_cap)
+    done = (
+        sa.select(sa.func.count())
+        .where(chunk.c.film_id == film.c.id, chunk.c.state == DONE)
+        .scalar_subquery()
+    )
+    rows = c.execute(
+        sa.select(film, cap.label("cap"), done.label("done"))
+        .join(job, job.c.film_id == film.c.id)
+        .where(job.c.state.in_(LIVE), job.c.ended_spp.is_(None), film.c.pixel_samples > 0)
+        .group_by(film.c.id)
+    )
+    return [((r.width, r.height, r.replicates), r.cap, r.prefix_chunks, r.done) for r in rows]
 
 
 def end_instance(c: Connection, instance_id: str) -> None:

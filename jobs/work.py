@@ -1,0 +1,248 @@
+"""The one place where jobs meet the renderer: check, render, fold, look, develop.
+
+`Engine` and the children call these functions through a module name, so that tests of kills and
+fences can put a stand-in in its place. Nothing else in `matiere.jobs` imports the core.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from matiere import chunks
+from matiere.jobs.job import JsonDict
+
+if TYPE_CHECKING:
+    from matiere import _core
+    from matiere.film import Film
+    from matiere.scene.assets import AssetRoot
+    from matiere.scene.scene import Scene
+
+MAX_SPP = 2**20
+STOP_KEYS = ("spp", "seconds", "target_error")
+INTERVAL = "95 %"
+
+
+# -- submission (in the service) ----------------------------------------------------------------
+def plan(width: int, height: int, replicates: int) -> _core.Plan:
+    """Return the chunk plan of a film."""
+    from matiere import _core
+
+    return _core.Plan(width, height, replicates)
+
+
+def asset_folder(root: Path, pins: Mapping[str, str]) -> AssetRoot:
+    """Return the folder that scenes of one submission find their files in."""
+    from matiere.scene.assets import AssetRoot
+
+    return AssetRoot(Path(root), dict(pins))
+
+
+def file_names(scene: Mapping[str, Any]) -> list[str]:
+    """Return the files a raw scene names."""
+    from matiere.scene import references
+
+    return [name for _, name, _ in references.files(scene)]
+
+
+def inspect(scene: Mapping[str, Any], files: AssetRoot) -> JsonDict:
+    """Check a scene and return what its film and its job are. Raises SceneValidationError."""
+    from matiere.scene.digest import film_key
+    from matiere.scene.load import check
+
+    checked = check(dict(scene), files)
+    model = checked.model
+    width, height = chunks.size(model)
+    document = checked.to_dict()
+    output = document.pop("output", {})
+    for key in STOP_KEYS:
+        document.get("render", {}).pop(key, None)
+    pins = dict(checked.assets)
+    shapes = json.dumps([document.get("shapes"), sorted(pins.items())], sort_keys=True)
+    return {
+        "film_key": film_key(checked),
+        "geometry_key": hashlib.sha256(shapes.encode()).hexdigest(),
+        "scene": document,
+        "pins": pins,
+        "width": width,
+        "height": height,
+        "replicates": chunks.plan(model).replicates,
+        "stop": chunks.stop_rule(model),
+        "output": output,
+    }
+
+
+# -- rendering (in a render child) --------------------------------------------------------------
+def cancel_token() -> _core.CancelToken:
+    """Return a flag that stops C++ between rows of pixels."""
+    from matiere import _core
+
+    return _core.CancelToken()
+
+
+class OpenScene:
+    """A built scene, ready to render chunks on several threads."""
+
+    def __init__(self, scene: Scene, threads: int) -> None:
+        """Build the acceleration structure and light tables."""
+        self._built = scene.build(threads)
+        self._settings, self._plan = chunks.settings(scene.model), chunks.plan(scene.model)
+
+    def render_chunk(self, index: int, flag: _core.CancelToken) -> bytes | None:
+        """Render one chunk on this thread; None if cancelled. The GIL is released."""
+        from matiere import _core
+
+        part = _core.render_chunk(self._built, self._settings, self._plan, index, flag)
+        return None if part is None else part.to_bytes()
+
+
+def open_scene(
+    scene: Mapping[str, Any], assets: Mapping[str, Any], replicates: int, threads: int
+) -> OpenScene:
+    """Load a pinned scene, its files checked against their digests, and build it."""
+    from matiere.scene.load import load
+
+    render = {**scene.get("render", {}), "replicates": replicates}
+    pinned = {**scene, "render": render}
+    return OpenScene(load(pinned, asset_root=assets["root"], pins=assets["pins"]), threads)
+
+
+# -- folding (in the utility child) -------------------------------------------------------------
+class Fold:
+    """A film that chunks are added to in plan order."""
+
+    def __init__(self, film: _core.Film) -> None:
+        """Go on with `film`."""
+        self._film = film
+
+    def add(self, data: memoryview) -> None:
+        """Fold in the next chunk of a tile. Raises FilmError for any other."""
+        chunks.add(self._film, bytes(data))
+
+    def look(self, spp: int, seconds: float) -> JsonDict:
+        """Estimate the error: one row of the log."""
+        return chunks.look(self._film, seconds)
+
+    def to_bytes(self) -> bytes:
+        """Return the film as it is stored."""
+        return self._film.to_bytes()
+
+
+def open_fold(of: _core.Plan, stored: memoryview | None) -> Fold:
+    """Return the stored film, or an empty one."""
+    return Fold(chunks.open_film(None if stored is None else bytes(stored), of))
+
+
+def look_due(of: _core.Plan, stop: Mapping[str, Any], spp: int) -> bool:
+    """Tell whether the log of a job with this stop rule has a row at this boundary."""
+    return bool(chunks.next_step(of, stop, spp, 0.0)["look"])
+
+
+def stop_reason(
+    of: _core.Plan,
+    stop: Mapping[str, Any],
+    spp: int,
+    seconds: float,
+    newest: Mapping[str, Any] | None,
+) -> str | None:
+    """Return why a job ends at this boundary, or None if it goes on."""
+    step = chunks.next_step(of, stop, spp, seconds, newest)
+    return None if step["go_on"] else str(step["reason"])
+
+
+# -- images (in the utility child) --------------------------------------------------------------
+def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
+    """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
+    try:
+        from matiere.plot import error_plot
+    except ImportError:
+        def error_plot(films: Any) -> str:
+            return "<svg xmlns=\"http://www.w3.org/2000/svg\"/>"
+
+    film = _film(stored, header, request)
+    output = request["output"]
+    depths = output.get("bit_depth", {})
+    view = {key: output[key] for key in ("config", "display", "view") if key in output}
+    exposure = output.get("exposure", 0.0)
+    job = request["job"]
+    report = film.report | {
+        "job": job,
+        "assets": request["assets"]["pins"],
+        "chunks_rendered": request["chunks_rendered"],
+        "reports_superseded": request["reports_superseded"],
+    }
+    return {
+        "image.png": _image(film, ".png", bit_depth=depths.get("png"), exposure=exposure, **view),
+        "image.exr": _image(film, ".exr", bit_depth=depths.get("exr")),
+        "report.json": json.dumps(report, allow_nan=False, indent=1).encode(),
+        "error.svg": error_plot([film]).encode(),
+    }
+
+
+def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
+    from matiere.film import Film, FilmInfo
+    from matiere.scene.load import load
+
+    job = request["job"]
+    stop = {key: value for key, value in job["stop"].items() if value is not None}
+    render = {**request["scene"].get("render", {}), **stop, "replicates": request["replicates"]}
+    document = {**request["scene"], "render": render, "output": request["output"]}
+    assets = request["assets"]
+    scene = load(document, asset_root=assets["root"], pins=assets["pins"])
+    of = plan(request["width"], request["height"], request["replicates"])
+    info = replace(
+        FilmInfo.of_scene(scene),
+        log=tuple(header["log"]),
+        reason=job["stop_reason"],
+        requested=job["stop"],
+        threads=request["threads"],
+    )
+    return Film(chunks.open_film(bytes(stored), of), info)
+
+
+def _image(film: Film, suffix: str, **options: Any) -> bytes:
+    from matiere.imageio import write_image
+
+    with tempfile.TemporaryDirectory(prefix="matiere-") as folder:
+        path = Path(folder) / f"image{suffix}"
+        write_image(path, film, **options)
+        return path.read_bytes()
+
+
+def make_sheet(cells: Sequence[Mapping[str, Any]], request: JsonDict) -> bytes:
+    """Return the contact sheet of a sweep as PNG bytes."""
+    from matiere import contact_sheet
+
+    axes, columns = request["axes"], request["columns"]
+    heads: dict[str, Any] = {}
+    if request["mode"] == "grid" and len(axes) == 2 and columns == len(axes[1]["values"]):
+        rows, across = axes
+        heads["column_headers"] = [f"{across['label']} {text}" for text in across["labels"]]
+        heads["row_headers"] = [f"{rows['label']} {text}" for text in rows["labels"]]
+    shown = [
+        {
+            "image": cell["image"],
+            "label": cell["label"],
+            "sublabel": _caption(cell),
+        }
+        for cell in cells
+    ]
+    title = request["title"] or f"Sweep of {len(cells)} cells"
+    legend = f"relMSE: estimated relative mean squared error with its {INTERVAL} interval"
+    return contact_sheet.make(shown, columns, title, legend=legend, **heads)
+
+
+def _caption(cell: Mapping[str, Any]) -> str:
+    if cell["state"] != "succeeded":
+        return str(cell["state"])
+    error = "relMSE unknown"
+    if cell["relmse"] is not None:
+        error = f"relMSE {cell['relmse']:.2g}"
+        if cell["interval"]:
+            error += f" ({cell['interval'][0]:.2g} to {cell['interval'][1]:.2g})"
+    return f"{error}\n{cell['spp']} spp, {cell['seconds']:.2g} s"

@@ -1,0 +1,78 @@
+"""Helpers of the job tests: waiting, reading reports, and a service process to kill."""
+
+from __future__ import annotations
+
+import json
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+SCENE: dict[str, Any] = {"width": 32, "height": 24, "value": 1.0, "render": {"spp": 64}}
+FAKE: dict[str, Any] = {"work": "fake_work", "min_free_bytes": 0}
+
+
+def wait_until(condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
+    """Return the first true value of `condition`, or fail."""
+    end = time.monotonic() + timeout_s
+    while not (value := condition()):
+        assert time.monotonic() < end, "waited in vain"
+        time.sleep(0.01)
+    return value
+
+
+def report_of(engine: Any, job_id: str) -> dict[str, Any]:
+    """Return the report of a finished job."""
+    return dict(json.loads(Path(engine.artifact(job_id, "report.json").path).read_text()))
+
+
+class Service:
+    """A process that owns a data directory and submits what it is told, to be killed."""
+
+    def __init__(self, data: Path, script: str, **options: Any) -> None:
+        """Run `script` (it sees `engine`) in a fresh process and then wait for jobs for ever."""
+        self.data = data
+        program = (
+            "import sys, json, time\n"
+            "from matiere.jobs import open_engine\n"
+            f"engine = open_engine({str(data)!r}, **{options!r})\n"
+            f"{script}\n"
+            "print('ready', flush=True)\n"
+            "time.sleep(1000)\n"
+        )
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", program], stdout=subprocess.PIPE, text=True
+        )
+        assert self.process.stdout is not None
+        assert self.process.stdout.readline() == "ready\n"
+
+    def kill(self) -> None:
+        """SIGKILL the service and wait for its end."""
+        self.process.send_signal(signal.SIGKILL)
+        self.process.wait()
+        assert self.process.stdout is not None
+        self.process.stdout.close()
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the pids whose parent is `pid`."""
+    found = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        try:
+            fields = status.read_text().rsplit(")", 1)[1].split()
+        except OSError:
+            continue
+        if int(fields[1]) == pid and fields[0] != "Z":
+            found.append(int(status.parent.name))
+    return found
+
+
+def alive(pid: int) -> bool:
+    """Tell whether a process runs (a zombie does not)."""
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
+    except OSError:
+        return False

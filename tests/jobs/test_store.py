@@ -1,0 +1,224 @@
+"""The database: schema, one writer, fences, idempotency, crash leftovers."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import sqlalchemy as sa
+
+from matiere.jobs.errors import IdempotencyConflict, StoreError
+from matiere.jobs.job import JobError, JobState
+from matiere.jobs.store import events, files, films, jobs, tables, views
+from matiere.jobs.store.database import Database
+from matiere.jobs.store.files import Blob
+from matiere.jobs.store.films import Claim, Loss, Merged, Report
+
+
+@pytest.fixture
+def db(tmp_path: Path) -> Iterator[Database]:
+    database = Database(tmp_path / "store.sqlite")
+    database.write(lambda c: films.void_dead(c, "first", 1))
+    yield database
+    database.close()
+
+
+def spec(key: str = "a" * 64, spp: int = 64, priority: int = 50) -> jobs.JobSpec:
+    film = jobs.FilmSpec(key, "g", {"w": 1}, {}, 8, 8, 2)
+    return jobs.JobSpec(film, {"spp": spp}, spp, {}, priority, "label")
+
+
+def blob(n: int) -> Blob:
+    return Blob(f"{n:064x}", 10 + n)
+
+
+def submit(db: Database, **facts: object) -> str:
+    return db.write(lambda c: jobs.submit_job(c, spec(**facts)))  # type: ignore[arg-type]
+
+
+def claim(db: Database, *chunks: int) -> int | None:
+    return db.write(lambda c: films.claim(c, Claim(1, chunks, "first", 123, 30.0)))
+
+
+def complete(db: Database, token: int | None, number: int = 1) -> bool:
+    assert token is not None
+    return db.write(lambda c: films.complete(c, Report(token, 1, blob(number), 0.5, 64)))
+
+
+def film_row(db: Database) -> films.FilmRow:
+    return db.read(lambda c: films.load_film(c, 1))
+
+
+def test_migrations_make_the_tables_the_code_uses(db: Database) -> None:
+    from alembic.autogenerate import compare_metadata
+    from alembic.migration import MigrationContext
+
+    differences = db.read(
+        lambda c: compare_metadata(MigrationContext.configure(c), tables.metadata)
+    )
+    assert differences == []
+
+
+def test_a_store_newer_than_the_program_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "store.sqlite"
+    first = Database(path)
+    first.write(lambda c: c.execute(sa.text("UPDATE alembic_version SET version_num='9999'")))
+    first.close()
+    with pytest.raises(StoreError, match="newer than this program"):
+        Database(path)
+
+
+def test_a_damaged_store_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "store.sqlite"
+    Database(path).close()
+    data = bytearray(path.read_bytes())
+    data[4096:12288] = b"\xff" * 8192
+    path.write_bytes(bytes(data))
+    with pytest.raises(StoreError, match=r"damaged|refused"):
+        Database(path)
+
+
+def test_sqlite_runs_with_wal_and_full_sync_and_readers_cannot_write(db: Database) -> None:
+    def pragma(name: str) -> object:
+        return db.write(lambda c: c.exec_driver_sql(f"PRAGMA {name}").scalar())
+
+    assert (pragma("journal_mode"), pragma("synchronous"), pragma("foreign_keys")) == ("wal", 2, 1)
+    with pytest.raises(StoreError, match="readonly"):
+        db.read(lambda c: c.execute(sa.text("DELETE FROM job")))
+
+
+def test_the_standard_sqlite_module_is_never_imported(tmp_path: Path) -> None:
+    program = (
+        "import sys\nfrom pathlib import Path\nfrom matiere.jobs.store.database import Database\n"
+        f"Database(Path({str(tmp_path / 's.sqlite')!r})).close()\n"
+        "assert 'sqlite3' not in sys.modules and '_sqlite3' not in sys.modules\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def test_a_chunk_is_given_to_one_claim_only(db: Database) -> None:
+    submit(db)
+    assert claim(db, 0, 1) is not None
+    assert claim(db, 1, 2) is None
+    assert claim(db, 2) is not None
+
+
+def test_nobody_claims_for_a_film_that_no_job_wants(db: Database) -> None:
+    job_id = submit(db)
+    db.write(lambda c: jobs.cancel_job(c, job_id))
+    assert claim(db, 0) is None
+
+
+def test_a_report_of_an_old_attempt_is_refused_and_counted(db: Database) -> None:
+    submit(db)
+    old = claim(db, 0, 1)
+    assert old is not None
+    db.write(lambda c: films.give_back(c, Loss(old, 1, "lost", "lost", "killed")))
+    new = claim(db, 0, 1)
+    assert complete(db, old, 7) is False
+    assert complete(db, new, 8) is True
+    assert complete(db, new, 8) is False, "a second report of the same attempt"
+    row = film_row(db)
+    assert row.done == {0: new, 1: new}
+    assert row.losses == {0: 1, 1: 1}
+    counts = db.read(
+        lambda c: c.execute(
+            sa.select(tables.film.c.reports_superseded, tables.film.c.chunks_rendered)
+        ).one()
+    )
+    assert tuple(counts) == (2, 2)
+    assert blob(7).digest in db.read(files.pending_deletions), "the late file may go"
+    assert blob(8).digest not in db.read(files.pending_deletions)
+
+
+def test_a_merge_frees_chunk_files_and_ends_jobs_in_one_transaction(db: Database) -> None:
+    job_id = submit(db)
+    first, second = claim(db, 0, 1), claim(db, 2)
+    assert complete(db, first, 1) and complete(db, second, 2)
+    facts = {"spp": 4, "seconds": 1.0, "relmse": 0.5, "lower": 0.4, "upper": 0.6}
+    ended = [{"job_id": job_id, "reason": "spp", "cached": False, **facts}]
+    merged = Merged(1, 0, 2, blob(9), facts, ended)
+    assert db.write(lambda c: films.commit_merge(c, merged)) is True
+    assert db.write(lambda c: films.commit_merge(c, merged)) is False, "made from an old prefix"
+    row = film_row(db)
+    assert (row.prefix, row.prefix_chunks, row.done) == (blob(9), 2, {2: second})
+    assert db.read(files.pending_deletions) == [blob(1).digest]
+    assert claim(db, 1) is None, "inside the prefix"
+    job = db.read(lambda c: views.get_job(c, job_id))
+    assert (job.state, job.spp, job.stop_reason) == (JobState.RUNNING, 4, "spp")
+    assert db.read(jobs.jobs_to_develop) == [job_id]
+    db.write(lambda c: jobs.finish_job(c, job_id, {"image.png": blob(3)}))
+    assert db.read(lambda c: views.get_job(c, job_id)).artifacts == ("image.png",)
+
+
+def test_a_cancelled_job_never_becomes_succeeded(db: Database) -> None:
+    job_id = submit(db)
+    db.write(lambda c: jobs.cancel_job(c, job_id))
+    assert db.write(lambda c: jobs.finish_job(c, job_id, {"image.png": blob(3)})) is False
+    assert db.read(lambda c: views.get_job(c, job_id)).state is JobState.CANCELLED
+    assert db.read(files.pending_deletions) == [blob(3).digest]
+
+
+def test_work_of_a_dead_instance_is_void_at_once(db: Database) -> None:
+    submit(db)
+    old = claim(db, 0, 1)
+    done = claim(db, 2)
+    complete(db, done, 2)
+    found = db.write(lambda c: films.void_dead(c, "second", 2))
+    assert found == {"claims_voided": 1, "chunks_voided": 2, "chunks_present": 1}
+    assert film_row(db).tries == {}, "the death of the service is not the chunk's fault"
+    assert complete(db, old, 1) is False
+    assert claim(db, 0, 1) is not None
+
+
+def test_a_failed_film_fails_its_jobs_and_may_be_asked_for_again(db: Database) -> None:
+    first = submit(db)
+    token = claim(db, 0)
+    assert token is not None
+    db.write(lambda c: films.give_back(c, Loss(token, 1, "failed", "signal", "crashed")))
+    db.write(lambda c: jobs.fail_film(c, 1, JobError("signal", "crashed", "", "log")))
+    job = db.read(lambda c: views.get_job(c, first))
+    assert job.error is not None
+    assert (job.state, job.error.code, job.error.log_tail) == (JobState.FAILED, "signal", "log")
+    submit(db)
+    assert film_row(db).tries == {}
+
+
+def test_an_idempotency_key_gives_the_same_job_and_refuses_another_body(db: Database) -> None:
+    key = jobs.Key("k", "hash")
+    first = db.write(lambda c: jobs.submit_job(c, spec(), key))
+    assert db.write(lambda c: jobs.submit_job(c, spec(), key)) == first
+    with pytest.raises(IdempotencyConflict):
+        db.write(lambda c: jobs.submit_job(c, spec(), jobs.Key("k", "other")))
+    assert len(db.read(lambda c: views.list_jobs(c, None, None, None, 10))) == 1
+
+
+def test_urgent_films_come_first(db: Database) -> None:
+    for n, priority in enumerate([10, 90, 50, 90]):
+        submit(db, key=f"{n:064d}", priority=priority)
+    assert db.read(lambda c: films.next_films(c, 10)) == [2, 4, 3, 1]
+
+
+def test_a_failed_transaction_leaves_nothing(db: Database) -> None:
+    def half(c: sa.Connection) -> None:
+        jobs.submit_job(c, spec())
+        raise RuntimeError("after the insert")
+
+    with pytest.raises(RuntimeError):
+        db.write(half)
+    assert db.read(lambda c: views.list_jobs(c, None, None, None, 10)) == []
+    assert db.read(lambda c: events.read_events(c, 0, None, None, 10)) == []
+
+
+def test_shared_files_stay_while_anyone_refers_to_them(db: Database) -> None:
+    db.write(lambda c: files.add_reference(c, ("job", "x"), "image.png", blob(1)))
+    db.write(lambda c: files.add_reference(c, ("job", "y"), "image.png", blob(1)))
+    db.write(lambda c: files.drop_reference(c, ("job", "x")))
+    assert db.read(files.pending_deletions) == []
+    db.write(lambda c: files.drop_reference(c, ("job", "y")))
+    assert db.read(files.pending_deletions) == [blob(1).digest]
+    db.write(lambda c: files.add_reference(c, ("job", "z"), "image.png", blob(1)))
+    assert db.read(files.pending_deletions) == [], "wanted again before it was unlinked"
