@@ -11,6 +11,7 @@ import httpx
 import pytest
 from fake_engine import FakeEngine
 from fastapi import FastAPI
+
 from matiere.service.errors import ALIASES, CODES, TYPE_PREFIX
 from matiere.service.schemas import JobSubmission, SweepSubmission
 from matiere.service.settings import Settings
