@@ -29,12 +29,12 @@ MATERIALS: tuple[tuple[str, Material], ...] = (
     ("green glass", {"type": "dielectric", "eta": 1.5, "sigma_a": [2.1, 0.45, 1.5]}),
 )
 FINE_SPP = 256  # light focused by glass is the hardest part of the picture
-HDR_MAPS = (
-    "studio_small_03_1k.hdr",
-    "potsdamer_platz_1k.hdr",
-    "kloppenheim_05_1k.hdr",
-    "blender_city.exr",
-    "blender_courtyard.exr",
+HDR_MAPS = (  # file, exposure in stops
+    ("studio_small_03_1k.hdr", -1.0),
+    ("potsdamer_platz_1k.hdr", 0.3),
+    ("kloppenheim_05_1k.hdr", 0.0),
+    ("blender_city.exr", 0.0),
+    ("blender_courtyard.exr", 0.3),
 )
 
 
@@ -77,7 +77,7 @@ def own_study(folder: Path, size: int, spp: int) -> Study:
     ball["materials"]["Base"] = "base"
     shapes = [ball, {"file": "stage.glb", "materials": {"Ground": "ground", "Tile": "tile"}}]
     title = "Shader ball under the studio light"
-    base = scene(camera, shapes, "studio.exr", size, spp)
+    base = scene(camera, shapes, ("studio.exr", 0.3), size, spp)
     return Study("studio", title, base, folder)
 
 
@@ -94,16 +94,16 @@ def asset_studies(assets: Path, folder: Path, size: int, spp: int) -> list[Study
             meshes / "materialx_shaderball.glb",
             standard / "openpbr_objects.glb",
             standard / "neutral_objects.glb",
-            *(assets / "hdri" / name for name in HDR_MAPS),
+            *(assets / "hdri" / name for name, _ in HDR_MAPS),
         ],
         folder,
     )
     make_shader_ball.write_glb(folder / "floor.glb", make_shader_ball.floor())
     studies = []
-    for name in HDR_MAPS:
+    for name, exposure in HDR_MAPS:
         light = name.split(".")[0].removesuffix("_1k")
         for ball, title, camera, shapes in real_balls():
-            base = scene(camera, shapes, name, size, spp)
+            base = scene(camera, shapes, (name, exposure), size, spp)
             studies.append(Study(f"{ball}-{light}", f"{title} under {light}", base, folder))
     return studies
 
@@ -121,7 +121,7 @@ def real_balls() -> list[tuple[str, str, dict[str, Any], list[dict[str, Any]]]]:
         {"file": "neutral_objects.glb", "material": "base", "transform": small},
     ]
     near = {"origin": [0.0, 1.9, 6.6], "target": [-0.05, 0.98, 0.0], "vfov_deg": 23.0}
-    high = {"origin": [0.85, 2.6, 2.35], "target": [0.0, 0.42, 0.0], "vfov_deg": 36.0}
+    high = {"origin": [0.85, 2.6, 2.35], "target": [0.0, 0.42, 0.0], "vfov_deg": 27.0}
     return [
         ("materialx", "MaterialX shader ball", near, [materialx, floor]),
         ("aswf", "ASWF Standard Shader Ball", high, [*aswf, floor]),
@@ -136,9 +136,14 @@ def copy(files: Sequence[Path], folder: Path) -> None:
 
 
 def scene(
-    camera: dict[str, Any], shapes: list[dict[str, Any]], light: str, size: int, spp: int
+    camera: dict[str, Any],
+    shapes: list[dict[str, Any]],
+    light: tuple[str, float],
+    size: int,
+    spp: int,
 ) -> dict[str, Any]:
-    """Return the base scene; its ball is replaced in every cell."""
+    """Return the base scene for a light (file, exposure in stops); every cell replaces its ball."""
+    file, exposure = light
     return {
         "version": 1,
         "camera": {"type": "pinhole", **camera},
@@ -148,10 +153,11 @@ def scene(
             "ball": {"type": "conductor", "metal": "Au", "alpha": 0.1},
             "base": {"type": "lambert", "albedo": [0.16, 0.16, 0.165]},
             "ground": {"type": "lambert", "albedo": [0.42, 0.42, 0.42]},
-            "tile": {"type": "lambert", "albedo": [0.27, 0.27, 0.275]},
+            "tile": {"type": "lambert", "albedo": [0.31, 0.31, 0.315]},
         },
         "shapes": [{"type": "mesh", **shape} for shape in shapes],
-        "environment": {"file": light},
+        "environment": {"file": file},
+        "output": {"exposure": exposure},
     }
 
 

@@ -96,6 +96,7 @@ def cornell_box(width: int = 256, spp: int = 64) -> dict[str, Any]:
                 "radiance": list(LAMP_RADIANCE),
             }
         ],
+        "output": {"exposure": 1.5},
     }
 
 

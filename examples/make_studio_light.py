@@ -46,14 +46,14 @@ class Sun:
 
 
 BOXES = (
-    SoftBox((-3.2, 2.6, 2.4), 2.6, 2.6, 5200.0, 9.0),  # key: front left, above
-    SoftBox((3.6, 1.3, 1.4), 0.8, 3.4, 7500.0, 7.0),  # strip: right, cool
-    SoftBox((0.3, 4.0, -0.6), 3.2, 1.4, 6000.0, 5.0),  # overhead
-    SoftBox((-2.6, 1.7, -3.0), 0.7, 2.2, 3400.0, 6.0),  # rim: behind left, warm
-    SoftBox((1.3, 0.9, 4.2), 1.1, 1.1, 4300.0, 2.2),  # fill: beside the camera
+    SoftBox((-3.2, 2.6, 2.4), 3.4, 3.0, 5200.0, 7.0),  # key: front left, above
+    SoftBox((3.6, 1.3, 1.4), 1.1, 3.6, 7500.0, 5.5),  # strip: right, cool
+    SoftBox((0.3, 4.0, -0.6), 4.0, 2.0, 6000.0, 4.5),  # overhead
+    SoftBox((-2.6, 1.7, -3.0), 0.9, 2.4, 3400.0, 5.0),  # rim: behind left, warm
+    SoftBox((1.2, 1.7, 4.2), 2.4, 1.6, 4300.0, 2.4),  # fill: beside the camera
 )
-SUN = Sun((0.62, 0.70, 0.36), 1.6, 5600.0, 260.0)
-SKY = ((0.0, 0.30), (0.45, 0.16), (0.52, 0.09), (1.0, 0.03))  # (v, radiance), bluish grey
+SUN = Sun((0.62, 0.70, 0.36), 2.6, 5600.0, 60.0)
+SKY = ((0.0, 0.55), (0.45, 0.36), (0.52, 0.20), (1.0, 0.06))  # (v, radiance), bluish grey
 SKY_KELVIN = 8000.0
 
 
