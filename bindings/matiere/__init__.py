@@ -31,7 +31,7 @@ _HOMES = {
     "Scene": "scene.scene",
     "SceneModel": "scene.model",
     "SceneValidationError": "errors",
-    "bsdf": "materials",
+    "bsdf": "probe",
     "develop": "develop",
     "film_key": "scene.digest",
     "info": "materials",
@@ -120,7 +120,8 @@ if TYPE_CHECKING:
     )
     from matiere.film import Film, load_film
     from matiere.imageio import read_image, write_image
-    from matiere.materials import bsdf, info, materials, metals
+    from matiere.materials import info, materials, metals
+    from matiere.probe import bsdf
     from matiere.render import render
     from matiere.scene.digest import film_key
     from matiere.scene.load import load, loads

@@ -158,22 +158,66 @@ def write_stored(path: str | os.PathLike[str], stored: Stored, pixel_type: str) 
 
     Whole, or not at all. Raises ImageError with the reason.
     """
+    data = encode(stored, Path(path).suffix.lower(), pixel_type)
+    with atomic_file(path) as temporary:
+        temporary.write_bytes(data)
+
+
+def encode(stored: Stored, suffix: str, pixel_type: str) -> bytes:
+    """Return the bytes of an image file of the format that `suffix` (".png", ...) names.
+
+    Encoded in memory: on a full disk some encoders write on in silence and libjpeg ends the
+    process. Raises ImageError with the reason.
+    """
     oiio = _oiio()
     height, width, count = stored.pixels.shape
     spec = oiio.ImageSpec(width, height, count, pixel_type)
     spec.channelnames = tuple(stored.channels)
-    _describe(spec, stored, Path(path).suffix.lower())
-    with atomic_file(path) as temporary:
-        target = oiio.ImageOutput.create(str(temporary))
-        if target is None:
-            raise ImageError(_reason(f"cannot write {os.fspath(path)!r}", oiio.geterror()))
-        done = target.open(str(temporary), spec)
+    _describe(spec, stored, suffix)
+    target = oiio.ImageOutput.create(suffix.removeprefix("."))
+    if target is None:
+        raise ImageError(_reason(f"cannot make {suffix} files", oiio.geterror()))
+    with os.fdopen(os.memfd_create(f"matiere{suffix}", os.MFD_CLOEXEC), "rb") as memory:
+        name = f"/proc/self/fd/{memory.fileno()}"
+        done = target.open(name, spec)
         done = done and target.write_image(np.ascontiguousarray(stored.pixels))
         why = target.geterror() if not done else ""
         closed = target.close()
         if not done or not closed:
-            why = why or target.geterror()
-            raise ImageError(_reason(f"cannot write {os.fspath(path)!r}", why))
+            raise ImageError(_reason(f"cannot encode as {suffix}", why or target.geterror()))
+        if not _complete(name, stored, suffix, pixel_type):
+            why = "it came out incomplete (a file size limit?)"
+            raise ImageError(f"cannot encode as {suffix}: {why}")
+        return memory.read()
+
+
+def _complete(name: str, stored: Stored, suffix: str, pixel_type: str) -> bool:
+    """Read an image back: OpenImageIO does not notice every write that failed."""
+    if suffix in (".jpg", ".jpeg"):  # lossy: look for the end marker
+        return Path(name).read_bytes()[-2:] == b"\xff\xd9"
+    oiio = _oiio()
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(name, config)
+    if source is None:
+        return False
+    try:
+        wanted = np.float16 if pixel_type == "half" else np.dtype(pixel_type)
+        as_type = pixel_type if wanted != np.float16 else "float"
+        read = source.read_image(0, 0, 0, source.spec().nchannels, as_type)
+        if read is None:
+            return False
+        with np.errstate(over="ignore"):
+            kept = stored.pixels.astype(wanted).astype(read.dtype)
+        held = list(source.spec().channelnames)  # EXR puts R, G, B, A first
+        order = [held.index(c) for c in stored.channels] if suffix == ".exr" else slice(None)
+        read = read.reshape(kept.shape)[:, :, order]
+        if suffix == ".hdr":  # the channels of a pixel share an exponent
+            step = kept.max(axis=2, keepdims=True) / 128
+            return bool((np.abs(read - kept) <= step).all())
+        return bool(np.array_equal(read, kept, equal_nan=as_type == "float"))
+    finally:
+        source.close()
 
 
 def _describe(spec: Any, stored: Stored, suffix: str) -> None:

@@ -41,36 +41,6 @@ def metal(name: str) -> dict[str, Any]:
     return dict(_metals()[name])
 
 
-def bsdf(description: dict[str, Any], *, precision: str = "float") -> Any:
-    """Return the probe of one material: vectorised `eval`, `pdf`, `sample`, `albedo`.
-
-    `description` is a material of scene JSON, without textures. Directions are float32 (N, 3) unit
-    vectors in the local frame (normal +z), both leaving the surface. `precision` is "float" or
-    "double". Raises SceneValidationError for a wrong description.
-    """
-    from pydantic import ValidationError
-
-    from matiere import _core
-    from matiere.errors import Fault, SceneValidationError, pointer
-    from matiere.scene.document import plain
-    from matiere.scene.flatten import core_params
-    from matiere.scene.materials import check_material
-
-    value, found = plain(description)
-    try:
-        material = check_material(value)
-    except ValidationError as error:
-        for line in error.errors(include_url=False):
-            found.append(Fault(pointer(*line["loc"]), line["type"], line["msg"]))
-    if found:
-        raise SceneValidationError(found)
-    if textures := material.textures():
-        at = pointer(next(iter(textures)))
-        why = "a material outside a scene takes numbers and colours, no textures"
-        raise SceneValidationError([Fault(at, "unsupported", why)])
-    return _core.Bsdf(material.type, core_params(material, {}), precision)
-
-
 def info() -> dict[str, Any]:
     """Return versions and facts of this build: matiere, Embree, instruction set, threads, ..."""
     from matiere import __version__, _core

@@ -30,13 +30,13 @@ class _Camera(Node):
 class PinholeCamera(_Camera):
     """A camera with everything in focus."""
 
-    type: Literal["pinhole"]
+    type: Literal["pinhole"] = Field(description="which kind this is")
 
 
 class ThinLensCamera(_Camera):
     """A camera with depth of field (a lens of `aperture_radius`, focused at `focus_distance`)."""
 
-    type: Literal["thin_lens"]
+    type: Literal["thin_lens"] = Field(description="which kind this is")
     aperture_radius: float = Field(ge=0, description="radius of the lens, metres; 0 is a pinhole")
     focus_distance: float = Field(
         gt=0, description="distance of the plane in focus along the viewing direction, metres"

@@ -12,16 +12,16 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from matiere.scene.materials import TextureRef
+from matiere.scene.materials import MaterialModel, TextureRef
 
 if TYPE_CHECKING:
     from matiere.scene.checks import Node
     from matiere.scene.scene import Scene
 
 # Stop rules and presentation: a longer, shorter or differently shown render is of the same film.
-_NOT_FILM = {"output": None, "render": ("spp", "seconds", "target_error")}
+_STOP_RULE = ("spp", "seconds", "target_error")
 # What of `_core.info()` tells one engine's samples from another's.
-_ENGINE = ("version", "embree", "isa", "compiler", "flags", "source_hash")
+_ENGINE = ("embree", "isa", "compiler", "flags", "source_hash")
 
 
 def scene_digest(scene: Scene) -> str:
@@ -35,12 +35,14 @@ def film_key(scene: Scene) -> str:
     Left out: output, spp, seconds, target_error (a longer render continues a shorter one) and
     threads. Included: everything else with defaults filled in, file contents, and the engine.
     """
+    from matiere import _core
+
     document = canonical(scene)
     del document["output"]
-    for key in _NOT_FILM["render"] or ():
+    for key in _STOP_RULE:
         del document["render"][key]
     document["film"]["filter_radius"] = scene.model.film.radius
-    document["render"]["replicates"] = _replicates(scene)
+    document["render"]["replicates"] = scene.model.render.replicates or _core.DEFAULT_REPLICATES
     document["engine"] = fingerprint()
     return _sha256(document)
 
@@ -50,7 +52,8 @@ def fingerprint() -> dict[str, Any]:
     from matiere import __version__, _core
 
     known = _core.info()
-    return {"matiere": __version__, **{k: str(known[k]) for k in _ENGINE if k in known}}
+    plan = _core.Plan(1, 1, 1).version
+    return {"matiere": __version__, "plan": plan, **{k: str(known[k]) for k in _ENGINE}}
 
 
 def canonical(scene: Scene) -> dict[str, Any]:
@@ -67,6 +70,8 @@ def _plain(value: Any, scene: Scene) -> Any:
 
     if isinstance(value, TextureRef):
         return {"texture": value.texture}
+    if isinstance(value, MaterialModel):
+        return {key: _plain(item, scene) for key, item in value.filled().items()}
     if isinstance(value, BaseModel):
         return _node(value, scene)
     if isinstance(value, np.ndarray):
@@ -94,12 +99,6 @@ def _node(node: Node | Any, scene: Scene) -> dict[str, Any]:
 def _array_digest(array: np.ndarray[Any, Any]) -> str:
     little = array.astype(array.dtype.newbyteorder("<"), copy=False)
     return hashlib.sha256(np.ascontiguousarray(little).tobytes()).hexdigest()
-
-
-def _replicates(scene: Scene) -> int:
-    from matiere import chunks
-
-    return int(chunks.plan(scene.model).replicates)
 
 
 def _sha256(document: dict[str, Any]) -> str:

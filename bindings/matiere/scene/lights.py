@@ -24,7 +24,7 @@ from matiere.scene.checks import (
 class RectangleLight(Node):
     """A rectangle that emits on the side edge_u x edge_v points to."""
 
-    type: Literal["rectangle"]
+    type: Literal["rectangle"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     corner: Vec3 = Field(description="metres")
     edge_u: Direction = Field(description="first edge from the corner, metres")
@@ -41,7 +41,7 @@ class RectangleLight(Node):
 class PointLight(Node):
     """A point that radiates alike in all directions."""
 
-    type: Literal["point"]
+    type: Literal["point"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     position: Vec3 = Field(description="metres")
     intensity: Color = Field(description="W/sr")
@@ -50,7 +50,7 @@ class PointLight(Node):
 class DirectionalLight(Node):
     """Light from infinitely far away."""
 
-    type: Literal["directional"]
+    type: Literal["directional"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     direction: Direction = Field(description="direction in which the light travels")
     irradiance: Color = Field(description="W/m^2 on a surface that faces the light")

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from functools import lru_cache
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 from pydantic import Field, PlainValidator, TypeAdapter, WithJsonSchema, create_model
@@ -44,6 +44,8 @@ class TextureRef(Node):
 class MaterialModel(Node):
     """What every material has beside the parameters of its type."""
 
+    ROW: ClassVar[Mapping[str, Any]] = {}  # the core's table, set by each made model
+
     type: str
     emission: Any = Field(default=(0.0, 0.0, 0.0))
     two_sided: bool = Field(True, description="false: the back of an opaque material is black")
@@ -55,6 +57,17 @@ class MaterialModel(Node):
         """Return the model's own parameters that were given; the core fills in the others."""
         own = (name for name in type(self).model_fields if name not in COMMON)
         return {name: getattr(self, name) for name in own if name in self.model_fields_set}
+
+    def filled(self) -> dict[str, Any]:
+        """Return every key that has a value: given, by default, or implied by what is absent."""
+        values = {name: getattr(self, name) for name in type(self).model_fields}
+        given = self.model_fields_set
+        taken = {n for names in self.ROW["exclusive"] if given.intersection(names) for n in names}
+        for row in self.ROW["params"]:
+            name, implied = row["name"], row.get("implied")
+            if values[name] is None and implied is not None and name not in taken:
+                values[name] = color(implied) if row["kind"] == "color" else implied
+        return {name: value for name, value in values.items() if value is not None}
 
     def textures(self) -> dict[str, str]:
         """Return parameter name -> texture name for the parameters that are textures."""
@@ -242,8 +255,6 @@ EMISSION_ROW: dict[str, Any] = {
 
 
 def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
-    from typing import Literal
-
     kind = row["type"]
 
     def problems(self: MaterialModel) -> Iterable[Line]:
@@ -256,6 +267,7 @@ def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
     }
     name = "".join(word.capitalize() for word in kind.split("_")) + "Material"
     made = create_model(name, __base__=MaterialModel, __doc__=row["doc"], **fields)
+    made.ROW = row
     made.problems = problems  # type: ignore[method-assign, assignment]
     return made
 

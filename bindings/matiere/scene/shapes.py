@@ -115,7 +115,7 @@ Transform = Annotated[
 class SphereShape(Node):
     """A sphere."""
 
-    type: Literal["sphere"]
+    type: Literal["sphere"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     center: Vec3 = Field(description="metres")
     radius: float = Field(gt=0, description="metres")
@@ -125,7 +125,7 @@ class SphereShape(Node):
 class MeshShape(Node):
     """A triangle mesh, from a file (PLY, OBJ, GLB) or inline."""
 
-    type: Literal["mesh"]
+    type: Literal["mesh"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     file: Name | None = Field(None, description="PLY, OBJ or GLB file under the asset root")
     positions: Points | None = Field(None, description="(N, 3) vertices, metres")
