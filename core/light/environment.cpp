@@ -24,42 +24,61 @@ Spectrumf EnvironmentLight::pixel(int x, int y) const {
     return {p[0], p[1], p[2]};
 }
 
-/// Each cell of the distribution is one pixel's rectangle of the sphere. Its weight is the mean of
-/// the bilinear map over it (1/8, 6/8, 1/8 along each axis) times its solid angle, so that no
-/// direction with radiance has density zero.
-void EnvironmentLight::build_distribution() {
+/// Luminance of the bilinear map averaged over each pixel's rectangle of the sphere: 1/8, 6/8, 1/8
+/// along each axis.
+std::vector<double> EnvironmentLight::cell_means() const {
     const auto w = std::size_t(width_), h = std::size_t(height_);
-    cos_edge_.resize(h + 1);
-    for (std::size_t y = 0; y <= h; ++y)
-        cos_edge_[y] = std::cos(kPi<double> * double(y) / double(h));
-
-    std::vector<double> luminance(w * h), across(w * h), row_weight(h), cells(w);
+    std::vector<double> luminance(w * h), across(w * h), cells(w * h);
     for (std::size_t i = 0; i < w * h; ++i)
         luminance[i] =
             double(Spectrumf(pixels_[3 * i], pixels_[3 * i + 1], pixels_[3 * i + 2]).luminance());
     for (std::size_t y = 0; y < h; ++y)
         for (std::size_t x = 0; x < w; ++x)
-            across[y * w + x] = 0.75 * luminance[y * w + x] +
-                                0.125 * luminance[y * w + (x + 1) % w] +
-                                0.125 * luminance[y * w + (x + w - 1) % w];
+            across[y * w + x] =
+                0.75 * luminance[y * w + x] +
+                0.125 * (luminance[y * w + (x + 1) % w] + luminance[y * w + (x + w - 1) % w]);
+    for (std::size_t y = 0; y < h; ++y) {
+        const std::size_t above = y == 0 ? y : y - 1, below = y + 1 == h ? y : y + 1;
+        for (std::size_t x = 0; x < w; ++x)
+            cells[y * w + x] =
+                0.75 * across[y * w + x] + 0.125 * (across[above * w + x] + across[below * w + x]);
+    }
+    return cells;
+}
+
+/// What exceeds the mean, over which light sampling is worth its ray: the even rest is found better
+/// by the materials' own directions (MIS compensation: Karlik, Sik, Vevoda, Skrivan, Krivanek
+/// 2019). Directions of density zero count in full where a material samples them.
+void EnvironmentLight::build_distribution() {
+    constexpr double kFlat = 1e-6;  // above the rounding of the mean itself
+    const auto w = std::size_t(width_), h = std::size_t(height_);
+    cos_edge_.resize(h + 1);
+    for (std::size_t y = 0; y <= h; ++y)
+        cos_edge_[y] = std::cos(kPi<double> * double(y) / double(h));
+    const auto solid_angle = [&](std::size_t y) {
+        return (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(w);
+    };
+
+    std::vector<double> cells = cell_means(), row_weight(h);
+    double mean = 0;
+    for (std::size_t i = 0; i < w * h; ++i) mean += cells[i] * solid_angle(i / w);
+    mean /= 4 * kPi<double>;
 
     double total = 0;
     columns_.reserve(h);
     for (std::size_t y = 0; y < h; ++y) {
-        const std::size_t above = y == 0 ? y : y - 1, below = y + 1 == h ? y : y + 1;
         double sum = 0;
         for (std::size_t x = 0; x < w; ++x) {
-            cells[x] =
-                0.75 * across[y * w + x] + 0.125 * (across[above * w + x] + across[below * w + x]);
-            sum += cells[x];
+            double& c = cells[y * w + x];
+            c = c > mean * (1 + kFlat) ? c - mean : 0.0;
+            sum += c;
         }
-        columns_.emplace_back(cells);
-        const double solid_angle = (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(w);
-        row_weight[y] = sum * solid_angle;
+        columns_.emplace_back(std::span(cells).subspan(y * w, w));
+        row_weight[y] = sum * solid_angle(y);
         total += row_weight[y];
     }
     rows_ = DiscreteDistribution(row_weight);
-    mean_luminance_ = total / (4 * kPi<double>);
+    sampled_luminance_ = total / (4 * kPi<double>);
 }
 
 EnvironmentLight::Texel EnvironmentLight::to_texel(Vec3f d) const {

@@ -1,7 +1,8 @@
-// The environment: a lat-long radiance map at infinity, sampled in proportion to its pixels.
+// The environment: a lat-long radiance map at infinity, sampled where it exceeds its mean.
 #pragma once
 
 #include <optional>
+#include <span>
 #include <vector>
 
 #include "base/spectrum.h"
@@ -26,11 +27,12 @@ class EnvironmentLight {
 
     /// Bilinear in u and v, wrapping in u.
     Spectrumf radiance(Vec3f direction) const;
+    /// Per solid angle; 0 where the map does not exceed its mean.
     float pdf(Vec3f direction) const;
-    /// Nothing where the map is black.
+    /// Nothing where the map is even.
     std::optional<Sample> sample(const SampleBlock& u) const;
-    /// Solid-angle mean of the luminance.
-    double mean_luminance() const { return mean_luminance_; }
+    /// Mean over the sphere of the luminance that sampling is for.
+    double sampled_luminance() const { return sampled_luminance_; }
     bool is_constant() const { return width_ == 1 && height_ == 1; }
     std::size_t bytes() const;
 
@@ -42,12 +44,13 @@ class EnvironmentLight {
     Vec3f from_angles(float sin_theta, float cos_theta, float phi) const;
     Spectrumf pixel(int x, int y) const;
     Spectrumf lookup(Texel t) const;
+    std::vector<double> cell_means() const;
     void build_distribution();
 
     int width_, height_;
     std::vector<float> pixels_;
     float cos_rotation_, sin_rotation_;
-    double mean_luminance_ = 0;
+    double sampled_luminance_ = 0;
     std::vector<double> cos_edge_;  ///< cosine of theta at the row edges
     DiscreteDistribution rows_;
     std::vector<DiscreteDistribution> columns_;

@@ -32,7 +32,7 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
                 return 4 * kPi<double> * r * r * luminance(materials[l.material].emission);
             },
             [&](const EnvironmentTag&) {
-                return 4 * kPi<double> * disk * environment->mean_luminance();
+                return 4 * kPi<double> * disk * environment->sampled_luminance();
             }},
         light);
 }
@@ -156,7 +156,7 @@ Spectrumf LightSet::emitted(int light, Vec2f uv, bool front) const {
 }
 
 float LightSet::pdf_environment(Vec3f direction) const {
-    if (environment_index_ < 0) return 0;
+    if (environment_index_ < 0 || choice_.empty()) return 0;
     return environment_->pdf(direction) * choice_.probability(std::size_t(environment_index_));
 }
 

@@ -72,7 +72,7 @@ def test_grey_furnace_darkens_by_the_albedo() -> None:
     """A convex grey sphere reflects its albedo; the test above can fail."""
     replicates = furnace({"type": "lambert", "albedo": 0.99}, "sphere")
     mean, error = mean_and_error(replicates[:, 5:11, 5:11])
-    assert abs(mean - 0.99) <= 3 * error
+    assert abs(mean - 0.99) <= 3 * error + 1e-6
     assert 3 * error < 0.005
 
 
