@@ -5,7 +5,8 @@
 #include <cmath>
 #include <limits>
 
-#include "film/smooth_rows.h"
+#include "film/film_rows.h"
+#include "film/pixel_pairs.h"
 
 namespace matiere {
 namespace {
@@ -17,124 +18,25 @@ double luminance(const double* rgb) {
     return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
 }
 
-/// Log-average luminance of the non-zero pixels of the smoothed image; 0 for a black one.
+/// Log-average luminance of the non-zero pixels of S; 0 for a black image. The logarithm of a noisy
+/// value is too low by v / (2 S^2) on average, which is put back (bounded for any noise).
 double log_average(const Film& film) {
-    SmoothRows rows(film);
+    FilmRows rows(film);
     double sum = 0.0;
     std::size_t n = 0;
     for (int y = 0; y < film.height(); ++y) {
         rows.advance(y);
         for (int x = 0; x < film.width(); ++x) {
-            std::array<double, kC> s{};
-            for (int r = 0; r < film.replicates(); ++r)
-                for (std::size_t c = 0; c < kC; ++c) s[c] += rows.smooth(r, x)[c];
-            const double lum = luminance(s.data()) / double(film.replicates());
+            const double lum = luminance(rows.smooth(x));
             if (!(lum > 0.0)) continue;
-            sum += std::log(lum);
+            const double* v = rows.smooth_variance(x);
+            const double deviations[] = {std::sqrt(v[0]), std::sqrt(v[1]), std::sqrt(v[2])};
+            const double relative = luminance(deviations) / lum;
+            sum += std::log(lum) + 0.5 * std::log1p(relative * relative);
             ++n;
         }
     }
     return n == 0 ? 0.0 : std::exp(sum / double(n));
-}
-
-/// One pixel's pairs of replicates: differences, and weights that hold no sample of the pair.
-class PixelPairs {
- public:
-    explicit PixelPairs(int replicates) : replicates_(replicates) {
-        for (int i = 0; i < replicates; ++i)
-            for (int j = i + 1; j < replicates; ++j) pairs_.push_back({i, j, {}, {}, {}});
-    }
-
-    struct Pair {
-        int i, j;
-        std::array<double, kC> difference, weight, root_weight;
-    };
-
-    void set(const SmoothRows& rows, int x, double floor) {
-        std::array<double, kC> total{};
-        for (int r = 0; r < replicates_; ++r)
-            for (std::size_t c = 0; c < kC; ++c) total[c] += rows.smooth(r, x)[c];
-        for (Pair& p : pairs_)
-            for (std::size_t c = 0; c < kC; ++c) {
-                p.difference[c] = rows.mean(p.i, x)[c] - rows.mean(p.j, x)[c];
-                const double s = left_out(total[c], rows.smooth(p.i, x)[c], rows.smooth(p.j, x)[c]);
-                const double scale = s * s + floor;
-                p.weight[c] = scale > 0.0 ? 1.0 / scale : 0.0;
-                p.root_weight[c] = std::sqrt(p.weight[c]);
-            }
-    }
-
-    bool all_equal() const {
-        return std::all_of(pairs_.begin(), pairs_.end(), [](const Pair& p) {
-            return p.difference == std::array<double, kC>{};
-        });
-    }
-
-    /// Sum over channels of weight times the unbiased variance of the pixel mean.
-    double weighted_variance() const {
-        double sum = 0.0;
-        for (const Pair& p : pairs_)
-            for (std::size_t c = 0; c < kC; ++c)
-                sum += p.weight[c] * p.difference[c] * p.difference[c];
-        return sum / normalisation();
-    }
-
-    /// Sum over channels of the unbiased variance of the pixel mean.
-    double variance() const {
-        double sum = 0.0;
-        for (const Pair& p : pairs_)
-            for (const double d : p.difference) sum += d * d;
-        return sum / normalisation();
-    }
-
-    const std::vector<Pair>& pairs() const { return pairs_; }
-
- private:
-    /// The pair's own samples do not enter its weight: a bright outlier cannot hide itself.
-    double left_out(double total, double a, double b) const {
-        return replicates_ > 2 ? (total - a - b) / double(replicates_ - 2)
-                               : total / double(replicates_);
-    }
-    double normalisation() const {
-        const double r = replicates_;
-        return r * r * (r - 1.0);
-    }
-
-    int replicates_;
-    std::vector<Pair> pairs_;
-};
-
-/// Sum over channels c, c' of w_c w_c' C_cc'^2 without bias from two independent estimates of C,
-/// each half the outer product of one pair's difference.
-double covariance_product(const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-    double dot = 0.0;
-    for (std::size_t c = 0; c < kC; ++c)
-        dot += a.root_weight[c] * b.root_weight[c] * a.difference[c] * b.difference[c];
-    return 0.25 * dot * dot;
-}
-
-/// Indices of pairs of pairs that share no replicate. Up to R = 8 all of them; above, those inside
-/// each cyclic block of four neighbours, R x 3 in all.
-std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, int replicates) {
-    const auto& pairs = pixel.pairs();
-    const auto in_block = [&](int start, int r) {
-        return (r - start + replicates) % replicates < 4;
-    };
-    const auto shares_block = [&](const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-        if (replicates <= 8) return true;
-        for (int s = 0; s < replicates; ++s)
-            if (in_block(s, a.i) && in_block(s, a.j) && in_block(s, b.i) && in_block(s, b.j))
-                return true;
-        return false;
-    };
-    std::vector<std::array<std::size_t, 2>> result;
-    for (std::size_t p = 0; p < pairs.size(); ++p)
-        for (std::size_t q = p + 1; q < pairs.size(); ++q) {
-            const auto &a = pairs[p], &b = pairs[q];
-            const bool disjoint = a.i != b.i && a.i != b.j && a.j != b.i && a.j != b.j;
-            if (disjoint && shares_block(a, b)) result.push_back({p, q});
-        }
-    return result;
 }
 
 /// The variance of D summed over pixels, and the sum of squares that tells how many carry it.
@@ -185,6 +87,30 @@ class DifferenceVariance {
     double sum_ = 0.0, squares_ = 0.0;
 };
 
+/// The variance that the noise of S adds to the estimate. S is shared within 5 x 5 pixels: inside
+/// blocks of that size its noise is taken as common, between them as independent, which has the
+/// same sum of covariances as the sliding window.
+class ScaleNoise {
+ public:
+    explicit ScaleNoise(int width) : blocks_(std::size_t(width / kBlock) + 1, 0.0) {}
+
+    void add(const PixelPairs& pixel, int x) {
+        blocks_[std::size_t(x / kBlock)] += pixel.scale_noise();
+    }
+    /// To be called after every row.
+    void end_row(int y, bool last) {
+        if ((y + 1) % kBlock != 0 && !last) return;
+        for (double& b : blocks_) sum_ += sqr(b);
+        std::fill(blocks_.begin(), blocks_.end(), 0.0);
+    }
+    double sum() const { return sum_; }
+
+ private:
+    static constexpr int kBlock = 2 * kSmoothRadius + 1;
+    std::vector<double> blocks_;
+    double sum_ = 0.0;
+};
+
 /// 97.5 % point of Student's t (Cornish-Fisher expansion, Abramowitz & Stegun 26.7.5), exact to 1 %
 /// from 3 degrees of freedom up.
 double student_975(double dof) {
@@ -205,20 +131,29 @@ void set_interval(ErrorEstimate& e, double relative_variance, double effective_p
     e.effective_pixels = effective_pixels;
 }
 
-double classic_term(const SmoothRows& rows, const PixelPairs& pixel, int x, int replicates) {
-    double sum = 0.0;
-    std::array<double, kC> mean{}, variance{};
-    for (int r = 0; r < replicates; ++r)
-        for (std::size_t c = 0; c < kC; ++c) mean[c] += rows.mean(r, x)[c] / double(replicates);
-    for (const auto& p : pixel.pairs())
-        for (std::size_t c = 0; c < kC; ++c) variance[c] += p.difference[c] * p.difference[c];
-    const double r = replicates;
-    for (std::size_t c = 0; c < kC; ++c)
-        sum += variance[c] / (r * r * (r - 1.0)) / (mean[c] * mean[c] + kClassicFloor);
-    return sum;
-}
-
 }  // namespace
+
+std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, int replicates) {
+    const auto& pairs = pixel.pairs();
+    const auto in_block = [&](int start, int r) {
+        return (r - start + replicates) % replicates < 4;
+    };
+    const auto share_a_block = [&](const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
+        if (replicates <= 8) return true;
+        for (int s = 0; s < replicates; ++s)
+            if (in_block(s, a.i) && in_block(s, a.j) && in_block(s, b.i) && in_block(s, b.j))
+                return true;
+        return false;
+    };
+    std::vector<std::array<std::size_t, 2>> result;
+    for (std::size_t p = 0; p < pairs.size(); ++p)
+        for (std::size_t q = p + 1; q < pairs.size(); ++q) {
+            const auto &a = pairs[p], &b = pairs[q];
+            const bool disjoint = a.i != b.i && a.i != b.j && a.j != b.i && a.j != b.j;
+            if (disjoint && share_a_block(a, b)) result.push_back({p, q});
+        }
+    return result;
+}
 
 ErrorEstimate estimate_error(const Film& film) {
     ErrorEstimate e;
@@ -227,9 +162,10 @@ ErrorEstimate estimate_error(const Film& film) {
     if (r_count < 2 || film.spp() == 0) return e;
     const double floor = kRelativeFloor * e.log_average * e.log_average;
     const double n = double(film.pixels()) * kC;
-    SmoothRows rows(film);
+    FilmRows rows(film);
     PixelPairs pixel(r_count);
     DifferenceVariance difference(pixel, r_count, film.width());
+    ScaleNoise scale_noise(film.width());
     double relative = 0.0, absolute = 0.0, classic = 0.0;
     std::size_t unknown = 0;
     for (int y = 0; y < film.height(); ++y) {
@@ -238,10 +174,15 @@ ErrorEstimate estimate_error(const Film& film) {
             pixel.set(rows, x, floor);
             if (pixel.all_equal()) ++unknown;
             relative += pixel.weighted_variance();
-            absolute += pixel.variance();
-            classic += classic_term(rows, pixel, x, r_count);
+            for (std::size_t c = 0; c < kC; ++c) {
+                const double v = rows.variance(x)[c], mean = rows.mean(x)[c];
+                absolute += v;
+                classic += v / (mean * mean + kClassicFloor);
+            }
             difference.add(pixel, x, y);
+            scale_noise.add(pixel, x);
         }
+        scale_noise.end_row(y, y + 1 == film.height());
     }
     e.unknown_share = double(unknown) / double(film.pixels());
     e.known = unknown < film.pixels();
@@ -249,7 +190,8 @@ ErrorEstimate estimate_error(const Film& film) {
     e.rmse = std::sqrt(absolute / n);
     e.relmse_classic = classic / n;
     if (relative > 0.0)
-        set_interval(e, difference.sum() / (relative * relative), difference.effective_pixels());
+        set_interval(e, (difference.sum() + scale_noise.sum()) / sqr(relative),
+                     difference.effective_pixels());
     return e;
 }
 
@@ -257,17 +199,13 @@ std::vector<double> error_weights(const Film& film) {
     const double m = log_average(film), floor = kRelativeFloor * m * m;
     std::vector<double> weights;
     weights.reserve(film.pixels() * kC);
-    SmoothRows rows(film);
+    FilmRows rows(film);
     for (int y = 0; y < film.height(); ++y) {
         rows.advance(y);
         for (int x = 0; x < film.width(); ++x)
-            for (std::size_t c = 0; c < kC; ++c) {
-                double s = 0.0;
-                for (int r = 0; r < film.replicates(); ++r) s += rows.smooth(r, x)[c];
-                s /= double(film.replicates());
-                const double scale = s * s + floor;
-                weights.push_back(scale > 0.0 ? 1.0 / scale : 0.0);
-            }
+            for (std::size_t c = 0; c < kC; ++c)
+                weights.push_back(
+                    reciprocal_scale(rows.smooth(x)[c], rows.smooth_variance(x)[c], floor));
     }
     return weights;
 }

@@ -1,0 +1,104 @@
+// Row by row: the replicate means of a film, their mean I and its variance, and the 5 x 5 box
+// average S of I with its variance. Holds a few rows, never the image.
+#pragma once
+
+#include <algorithm>
+#include <array>
+#include <cstddef>
+#include <vector>
+
+#include "film/film.h"
+
+namespace matiere {
+
+class FilmRows {
+ public:
+    explicit FilmRows(const Film& film) : film_(film), width_(std::size_t(film.width())) {
+        for (Row& row : ring_) {
+            row.replicates.resize(std::size_t(film.replicates()) * width_ * kC);
+            row.moments.resize(width_ * kMoments);
+        }
+        column_.resize(width_ * kMoments);
+        smooth_.resize(width_ * kMoments);
+        window_.resize(width_);
+    }
+
+    /// Moves to row y; rows are visited in order from 0.
+    void advance(int y) {
+        for (; loaded_ <= std::min(y + kRadius, film_.height() - 1); ++loaded_) load(loaded_);
+        y_ = y;
+        average();
+    }
+
+    /// R, G, B of pixel x of the current row: mean of replicate r, mean of all, its variance.
+    const double* replicate(int r, int x) const {
+        return &row(y_).replicates[(std::size_t(r) * width_ + std::size_t(x)) * kC];
+    }
+    const double* mean(int x) const { return &row(y_).moments[std::size_t(x) * kMoments]; }
+    const double* variance(int x) const { return mean(x) + kC; }
+    /// S, its variance, and the number of pixels it averages.
+    const double* smooth(int x) const { return &smooth_[std::size_t(x) * kMoments]; }
+    const double* smooth_variance(int x) const { return smooth(x) + kC; }
+    double window(int x) const { return window_[std::size_t(x)]; }
+
+ private:
+    static constexpr int kRadius = 2;
+    static constexpr int kRows = 2 * kRadius + 1;
+    static constexpr std::size_t kC = 3;
+    static constexpr std::size_t kMoments = 2 * kC;
+
+    struct Row {
+        std::vector<double> replicates;  ///< [r][x][c]
+        std::vector<double> moments;     ///< [x][mean R, G, B, variance R, G, B]
+    };
+    const Row& row(int y) const { return ring_[std::size_t(y % kRows)]; }
+
+    void load(int y) {
+        Row& to = ring_[std::size_t(y % kRows)];
+        const int r_count = film_.replicates();
+        const std::size_t first = std::size_t(y) * width_;
+        for (std::size_t x = 0; x < width_; ++x)
+            for (std::size_t c = 0; c < kC; ++c) {
+                double sum = 0.0, squares = 0.0;
+                for (int r = 0; r < r_count; ++r) {
+                    const double m = film_.mean(first + x, int(c), r);
+                    to.replicates[(std::size_t(r) * width_ + x) * kC + c] = m;
+                    sum += m;
+                }
+                const double mean = sum / double(r_count);
+                for (int r = 0; r < r_count; ++r) {
+                    const double d =
+                        to.replicates[(std::size_t(r) * width_ + x) * kC + c] - mean;
+                    squares += d * d;
+                }
+                to.moments[x * kMoments + c] = mean;
+                to.moments[x * kMoments + kC + c] =
+                    r_count > 1 ? squares / (double(r_count) * double(r_count - 1)) : 0.0;
+            }
+    }
+
+    void average() {
+        const int y0 = std::max(y_ - kRadius, 0), y1 = std::min(y_ + kRadius, film_.height() - 1);
+        std::fill(column_.begin(), column_.end(), 0.0);
+        for (int y = y0; y <= y1; ++y)
+            for (std::size_t i = 0; i < column_.size(); ++i) column_[i] += row(y).moments[i];
+        for (int x = 0; x < film_.width(); ++x) {
+            const int x0 = std::max(x - kRadius, 0), x1 = std::min(x + kRadius, film_.width() - 1);
+            const double n = double((y1 - y0 + 1) * (x1 - x0 + 1));
+            window_[std::size_t(x)] = n;
+            for (std::size_t m = 0; m < kMoments; ++m) {
+                double sum = 0.0;
+                for (int u = x0; u <= x1; ++u) sum += column_[std::size_t(u) * kMoments + m];
+                smooth_[std::size_t(x) * kMoments + m] = sum / (m < kC ? n : n * n);
+            }
+        }
+    }
+
+    const Film& film_;
+    std::size_t width_;
+    std::array<Row, kRows> ring_;
+    std::vector<double> column_, smooth_, window_;
+    int loaded_ = 0, y_ = 0;
+};
+
+}  // namespace matiere
