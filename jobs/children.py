@@ -23,6 +23,7 @@ log = logging.getLogger("matiere.jobs.children")
 
 PING_S = 5.0
 LEASE_S = 30.0  # without an answer for so long a child is killed and its work given back
+START_S = 120.0  # the same for a child that has yet to say hello
 LOG_BYTES = 4 * 2**20
 LOG_TAIL_BYTES = 4096
 
@@ -80,7 +81,8 @@ class Child:
         """Ping the child; kill it when it has not answered for a lease."""
         if not self.alive:
             return
-        if now - self.answered > LEASE_S and not self.killed:
+        patience = LEASE_S if self.ready else START_S
+        if now - self.answered > patience and not self.killed:
             log.warning("%s (pid %d) does not answer: killed", self.name, self.pid)
             self.kill()
         elif now - self._pinged > PING_S:

@@ -226,8 +226,8 @@ class Engine:
 
         `stop` holds any of `spp`, `seconds`, `target_error`; given, it replaces the scene's own
         stop rule as in `mt.render`. `seconds` counts the film's render time as if all children
-        worked on it (thread seconds / slots). `priority` is 0..100, higher first. Pointers in errors are relative to the scene
-        or to `stop` (prefix `/stop`). Raises `SceneValidationError` (all errors at once),
+        worked on it (thread seconds / slots). `priority` is 0..100, higher first. Pointers in
+        errors are relative to the scene, or to `stop` (prefix `/stop`). Raises `SceneValidationError` (all errors at once),
         `AssetMissing`, `IdempotencyConflict`, `DiskFull`, `Draining`.
         """
         self._accepting()

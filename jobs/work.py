@@ -161,8 +161,9 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     try:
         from matiere.plot import error_plot
     except ImportError:
+
         def error_plot(films: Any) -> str:
-            return "<svg xmlns=\"http://www.w3.org/2000/svg\"/>"
+            return '<svg xmlns="http://www.w3.org/2000/svg"/>'
 
     film = _film(stored, header, request)
     output = request["output"]

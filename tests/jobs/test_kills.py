@@ -16,7 +16,7 @@ from conftest_jobs import FAKE, SCENE, Service, alive, children_of, report_of, w
 
 from matiere.jobs import open_engine
 
-SLOW = SCENE | {"chunk_s": 0.01, "render": {"spp": 24}}  # 12 tiles x 5 ranges = 60 chunks
+SLOW = SCENE | {"chunk_s": 0.005, "render": {"spp": 24}}  # 12 tiles x 5 ranges = 60 chunks
 CELLS = 24
 AXES = [{"pointer": "/value", "linspace": [1, 6, 6]}, {"pointer": "/x", "values": [1, 2, 3, 4]}]
 SUBMIT_SWEEP = f"engine.submit_sweep({SLOW!r}, {AXES!r}, idempotency_key='s')"
@@ -47,7 +47,7 @@ def quiet(tmp_path_factory: pytest.TempPathFactory) -> dict[int | None, str]:
             return hashes(engine)
 
 
-@pytest.mark.parametrize(("children", "threads"), [(1, 2), (2, 1), (3, 2)])
+@pytest.mark.parametrize(("children", "threads"), [(1, 2), (2, 1)])
 def test_the_bits_depend_neither_on_processes_nor_threads(
     quiet: dict[int | None, str], tmp_path: Path, children: int, threads: int
 ) -> None:
@@ -64,48 +64,55 @@ def test_killed_children_lose_nothing(quiet: dict[int | None, str], tmp_path: Pa
         sweep = engine.submit_sweep(SLOW, AXES)
         kills = 0
         while engine.get_sweep(sweep.id).finished is None:
-            time.sleep(0.4)
+            time.sleep(0.3)
             pids = [c["pid"] for c in engine.status()["children"] if c["pid"]]
-            if pids and kills < 12:
+            if pids and kills < 8:
                 os.kill(chance.choice(pids), signal.SIGKILL)
                 kills += 1
         counters = engine.status()["counters"]
         print(f"{kills} kills, counters {counters}")
-        assert kills >= 5
+        assert kills >= 4
         assert hashes(engine) == quiet
 
 
-def test_a_killed_service_resumes_where_chunks_are_missing(
-    quiet: dict[int | None, str], tmp_path: Path
-) -> None:
-    service = Service(tmp_path, SUBMIT_SWEEP, children=2, **FAKE)
+def test_a_killed_service_resumes_where_chunks_are_missing(tmp_path: Path) -> None:
+    film = {"width": 80, "height": 64, "render": {"spp": 32}}  # 80 tiles x 6 ranges, 164k samples
+    base = SCENE | film | {"chunk_s": 0.004}
+    axes = [{"pointer": "/value", "values": [1, 2, 3, 4, 5, 6]}]
+    submit = f"engine.submit_sweep({base!r}, {axes!r})"
+    service = Service(tmp_path / "killed", submit, children=2, **FAKE)
     orphans = wait_until(lambda: children_of(service.process.pid))
-    time.sleep(1.5)
+    folder = tmp_path / "killed" / "artifacts"
+    wait_until(lambda: len([p for p in folder.glob("??/??/*") if p.is_file()]) >= 4)
     service.kill()
     wait_until(lambda: not any(alive(pid) for pid in orphans), 5.0)
     begin = time.monotonic()
-    with open_engine(tmp_path, children=2, **FAKE) as engine:
+    with open_engine(tmp_path / "killed", children=2, **FAKE) as engine:
         opened = time.monotonic() - begin
         sweep = engine.list_sweeps()[0]
         before = engine.list_jobs(sweep_id=sweep.id)
         assert not all(job.state.final for job in before), "killed too late to show anything"
-        untouched = sum(1 for job in before if job.spp == 0 and job.progress == 0.0)
+        untouched = sum(1 for job in before if job.progress == 0.0)
         sweep = engine.wait_sweep(sweep.id, 60)
-        assert sweep.counts["succeeded"] == CELLS
+        assert sweep.counts["succeeded"] == 6
         rendered = engine.status()["counters"]["chunks_rendered"]
-        missing = engine.resumed["chunks_missing"] + 60 * untouched
-        print(
-            f"open {opened:.2f} s, {engine.resumed}, chunks missing {missing}, rendered {rendered}"
-        )
-        assert rendered == missing
+        missing = engine.resumed["chunks_missing"] + 480 * untouched
+        print(f"opened in {opened:.2f} s, found {engine.resumed}")
+        print(f"chunks missing {missing}, rendered {rendered}")
+        assert rendered == missing < 480 * 6
         assert engine.resumed["chunks_voided"] > 0
-        assert hashes(engine) == quiet
+        after = [report_of(engine, job.id)["sums"] for job in engine.list_jobs(sweep_id=sweep.id)]
+    with open_engine(tmp_path / "quiet", children=1, **FAKE) as engine:
+        sweep = engine.submit_sweep(SCENE | film, axes)
+        engine.wait_sweep(sweep.id, 60)
+        jobs = engine.list_jobs(sweep_id=sweep.id)
+        assert after == [report_of(engine, job.id)["sums"] for job in jobs]
 
 
 def test_a_service_killed_again_and_again_ends_with_the_same_bits(
     quiet: dict[int | None, str], tmp_path: Path
 ) -> None:
-    for kill in range(5):
+    for kill in range(4):
         service = Service(tmp_path, SUBMIT_SWEEP, children=2, **FAKE)
         time.sleep(0.5 + 0.13 * kill)
         service.kill()
@@ -125,6 +132,11 @@ def test_a_service_killed_again_and_again_ends_with_the_same_bits(
         assert extra == CELLS + 1, "besides results only one prefix per film and the sheet"
 
 
+def busy_child(engine: Any) -> Any:
+    """Return a child that holds a claim."""
+    return next((c for c in engine.status()["children"] if c["claims"]), None)
+
+
 def test_a_stopped_child_is_replaced_and_its_late_report_refused(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -134,7 +146,7 @@ def test_a_stopped_child_is_replaced_and_its_late_report_refused(
     monkeypatch.setattr(children, "LEASE_S", 1.0)
     with open_engine(tmp_path, children=1, **FAKE) as engine:
         job = engine.submit_job(SLOW | {"value": 7.0})
-        child = wait_until(lambda: next(c for c in engine.status()["children"] if c["claims"]))
+        child = wait_until(lambda: busy_child(engine))
         os.kill(child["pid"], signal.SIGSTOP)
         job = engine.wait_job(job.id, 30)
         assert job.state == "succeeded"

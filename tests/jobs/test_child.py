@@ -1,0 +1,69 @@
+"""The child program: what it imports, how it ends, what it says."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+
+def test_a_child_imports_no_database_no_service_and_no_engine() -> None:
+    program = (
+        "import sys\nimport matiere.jobs.child, matiere.jobs.rendering, matiere.jobs.utility\n"
+        "import matiere.jobs.merge, matiere.jobs.work\n"
+        "bad = {'sqlalchemy', 'alembic', 'pysqlite3', 'sqlite3', 'fastapi'}\n"
+        "bad |= {'matiere.jobs.engine', 'matiere.jobs.scheduler'}\n"
+        "assert not bad & set(sys.modules), bad & set(sys.modules)\n"
+    )
+    subprocess.run([sys.executable, "-c", program], check=True)
+
+
+def start(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, int]:
+    """Start a child by hand; return it with the control and report ends of its pipes."""
+    control_read, control_write = os.pipe()
+    report_read, report_write = os.pipe()
+    command = [sys.executable, "-m", "matiere.jobs.child", "--control", str(control_read)]
+    command += ["--report", str(report_write), "--artifacts", str(tmp_path), "--work", "fake_work"]
+    command += ["--threads", "1", "--slots", "1", "--parent", str(os.getpid())]
+    child = subprocess.Popen(command, pass_fds=(control_read, report_write), start_new_session=True)
+    os.close(control_read)
+    os.close(report_write)
+    return child, control_write, report_read
+
+
+def test_a_child_answers_pings_and_ends_with_its_control_pipe(tmp_path: Path) -> None:
+    child, control, report = start(tmp_path)
+    with os.fdopen(report, "rb") as reports:
+        assert json.loads(reports.readline()) == {"op": "hello", "pid": child.pid}
+        os.write(control, b'{"op": "ping", "n": 7}\n')
+        assert json.loads(reports.readline()) == {"op": "pong", "n": 7}
+        status = Path(f"/proc/{child.pid}/status").read_text()
+        assert os.getsid(child.pid) == child.pid, "a session of its own"
+        assert os.getpriority(os.PRIO_PROCESS, child.pid) >= 10
+        limits = Path(f"/proc/{child.pid}/limits").read_text()
+        core = next(line for line in limits.splitlines() if line.startswith("Max core file"))
+        assert core.split()[4] == "0"
+        assert "State:" in status
+        os.write(control, b'{"op": "nonsense", "token": 3}\n')
+        answer = json.loads(reports.readline())
+        assert (answer["op"], answer["token"], answer["error"]) == ("failed", 3, "python_error")
+        os.close(control)
+        assert child.wait(5) == 0
+
+
+def test_a_child_ends_in_the_middle_of_a_render(tmp_path: Path) -> None:
+    child, control, report = start(tmp_path)
+    scene = {"width": 8, "height": 8, "value": 1.0, "chunk_s": 1000.0}
+    request = {"op": "render", "token": 1, "film_key": "k", "scene": scene, "replicates": 2,
+               "assets": {"root": "", "pins": {}}, "chunks": [0]}  # fmt: skip
+    os.write(control, json.dumps(request).encode() + b"\n")
+    with os.fdopen(report, "rb") as reports:
+        assert json.loads(reports.readline())["op"] == "hello"
+        time.sleep(0.5)
+        assert child.poll() is None
+        os.close(control)
+        assert child.wait(5) == 0
+        assert reports.read() == b""
