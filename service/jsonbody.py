@@ -63,7 +63,7 @@ def loads(body: bytes) -> Any:
     except UnicodeDecodeError as error:
         raise Problem("invalid_json", f"Byte {error.start} is not valid UTF-8.") from None
     if too_deep(body):
-        raise Problem("json_too_deep", f"The JSON nests more than {MAX_DEPTH} levels.")
+        raise _depth_problem(text)
     suspicious = _SURROGATE_ESCAPE.search(body) is not None
 
     def refuse(code: str, message: str) -> _Refused:
@@ -107,10 +107,16 @@ def loads(body: bytes) -> Any:
             object_pairs_hook=on_object,
         )
     except json.JSONDecodeError as error:
-        where = f"line {error.lineno}, column {error.colno}"
-        raise Problem("invalid_json", f"{error.msg} at {where}.", line=error.lineno) from None
+        message = f"{error.msg} at line {error.lineno}, column {error.colno}"
+        raise Problem(
+            "invalid_json",
+            message,
+            errors=[{"pointer": "", "code": "invalid_json", "message": message}],
+            line=error.lineno,
+            column=error.colno,
+        ) from None
     except RecursionError:  # unbalanced brackets can hide depth from `too_deep`
-        raise Problem("json_too_deep", f"The JSON nests more than {MAX_DEPTH} levels.") from None
+        raise _depth_problem("") from None
     if suspicious and (errors := list(_refusals(value))):
         first = errors[0]
         raise Problem(
@@ -119,6 +125,35 @@ def loads(body: bytes) -> Any:
             errors=errors,
         )
     return value
+
+
+def _depth_problem(text: str) -> Problem:
+    message = f"nested deeper than {MAX_DEPTH} levels"
+    where = pointer(_deep_place(text)[:MAX_DEPTH])
+    return Problem(
+        "json_too_deep",
+        f"{where or 'The JSON'}: {message}",
+        errors=[{"pointer": where, "code": "too_deep", "message": message}],
+    )
+
+
+def _deep_place(text: str) -> tuple[str | int, ...]:
+    """Return the path to the first value that lies too deep; empty if it cannot be parsed."""
+    try:
+        root = json.loads(text)
+    except (ValueError, RecursionError):
+        return ()
+    stack: list[tuple[tuple[str | int, ...], Any]] = [((), root)]
+    while stack:
+        path, value = stack.pop()
+        if len(path) >= MAX_DEPTH and isinstance(value, dict | list):
+            return path
+        if isinstance(value, dict):
+            stack.extend(((*path, key), item) for key, item in reversed(value.items()))
+        elif isinstance(value, list):
+            indexed = list(enumerate(value))
+            stack.extend(((*path, index), item) for index, item in reversed(indexed))
+    return ()
 
 
 def _refusals(root: Any) -> Iterator[dict[str, str]]:

@@ -163,10 +163,9 @@ def looks(report: dict[str, Any]) -> list[tuple[float, float, float, float]]:
     """Return (seconds, relMSE, low, high) of every look of a report at which the error is known."""
     points = []
     for row in report.get("log", []):
-        error = row.get("error") or {}
-        relmse, seconds = error.get("relmse"), row.get("wall_s")
+        relmse, seconds = row.get("relmse"), row.get("wall_s")
         if relmse and seconds:
-            low, high = error.get("lower") or relmse, error.get("upper") or relmse
+            low, high = row.get("lower") or relmse, row.get("upper") or relmse
             points.append((float(seconds), float(relmse), float(low), float(high)))
     return points
 
@@ -197,7 +196,7 @@ def draw_error_plot(
     )
     _draw_slope(axes, [point for _, points in curves for point in points])
     axes.grid(True, which="both", linewidth=0.3)
-    if 1 < len(curves) <= MAX_LEGEND:
+    if axes.has_data() and len(curves) <= MAX_LEGEND:
         axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
     part = path.with_name(f".{path.name}.{os.getpid()}.part")
     figure.savefig(part, format=path.suffix.lstrip("."))

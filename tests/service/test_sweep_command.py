@@ -18,9 +18,9 @@ from matiere.service.sweepfile import load_sweep
 
 AXES = [{"pointer": "/materials/a/alpha", "values": [0.1, 0.2, 0.3]}]
 LOG = [
-    {"spp": 4, "wall_s": 0.1, "error": {"relmse": 0.1, "lower": 0.08, "upper": 0.12}},
-    {"spp": 8, "wall_s": 0.2, "error": {"relmse": 0.05, "lower": 0.04, "upper": 0.06}},
-    {"spp": 16, "wall_s": 0.4, "error": {"relmse": None}},
+    {"spp": 4, "wall_s": 0.1, "relmse": 0.1, "lower": 0.08, "upper": 0.12},
+    {"spp": 8, "wall_s": 0.2, "relmse": 0.05, "lower": 0.04, "upper": 0.06},
+    {"spp": 16, "wall_s": 0.4, "relmse": None, "lower": None, "upper": None},
 ]
 
 
