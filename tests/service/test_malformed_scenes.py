@@ -1,4 +1,4 @@
-"""Every malformed scene of tests/support: one clear error over HTTP and CLI, nothing left behind."""
+"""Malformed scenes of tests/support: one clear error over HTTP and CLI, nothing left behind."""
 
 from __future__ import annotations
 
