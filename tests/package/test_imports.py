@@ -6,8 +6,6 @@ import json
 import subprocess
 import sys
 
-import pytest
-
 HEAVY = ("numpy", "pydantic", "trimesh", "OpenImageIO", "PyOpenColorIO", "matiere._core")
 SERVICE = ("fastapi", "uvicorn", "sqlalchemy", "alembic", "pysqlite3", "httpx", "matplotlib")
 
@@ -53,7 +51,6 @@ def test_loading_a_scene_without_files_needs_no_file_library() -> None:
 
 
 def test_rendering_a_scene_without_files_needs_no_file_library() -> None:
-    pytest.importorskip("matiere.render")
     code = (
         f"import json, matiere as mt\nscene = mt.load(json.loads('''{json.dumps(SCENE)}'''))\n"
         "mt.render(scene, spp=4, threads=1)"

@@ -64,18 +64,23 @@ def test_near_scenes_keep_their_numbers(recorded: None) -> None:
     assert flattened.center == (0.0, 0.0, 0.0)
 
 
+def moved_by(offset: np.ndarray[Any, Any], *point: float) -> list[float]:
+    moved: list[float] = np.add(offset, point).tolist()
+    return moved
+
+
 def test_far_scenes_are_recentred_in_double(recorded: None) -> None:
     """A scene 10^7 m away reaches the core as if it stood at the origin, to the last bit."""
     near, far = good(), good()
     offset = np.array([1e7, -2e7, 3e7])
     moved = {"translate": offset.tolist()}
-    far["camera"]["origin"] = (offset + [0, 1, 5]).tolist()
-    far["camera"]["target"] = (offset + [0, 1, 0]).tolist()
-    far["shapes"][0]["center"] = (offset + [0, 1, 0]).tolist()
+    far["camera"]["origin"] = moved_by(offset, 0, 1, 5)
+    far["camera"]["target"] = moved_by(offset, 0, 1, 0)
+    far["shapes"][0]["center"] = moved_by(offset, 0, 1, 0)
     far["shapes"][1]["transform"] = [moved]
-    far["lights"][0]["corner"] = (offset + [-1, 4, -1]).tolist()
+    far["lights"][0]["corner"] = moved_by(offset, -1, 4, -1)
     for scene, light in ((near, np.zeros(3)), (far, offset)):
-        at = (light + [2, 3, 2]).tolist()
+        at = moved_by(light, 2, 3, 2)
         scene["lights"].append({"type": "point", "position": at, "intensity": 1})
     flattened = mt.load(far).flatten()
     made: Any = flattened.description

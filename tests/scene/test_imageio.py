@@ -103,9 +103,8 @@ def test_jpeg_is_close_to_the_view(tmp_path: Path) -> None:
 
 
 def test_rounding_is_to_nearest() -> None:
-    assert quantise(np.array([0, 0.49 / 255, 0.51 / 255, 1, 2, -1, np.nan, np.inf]), 8).tolist() == [
-        0, 0, 1, 255, 255, 0, 0, 255,
-    ]  # fmt: skip
+    values = np.array([0, 0.49 / 255, 0.51 / 255, 1, 2, -1, np.nan, np.inf])
+    assert quantise(values, 8).tolist() == [0, 0, 1, 255, 255, 0, 0, 255]
     exact = np.arange(65536) / 65535
     assert np.array_equal(quantise(exact, 16), np.arange(65536))
 

@@ -1,0 +1,175 @@
+"""The command line: render, schema, info, and the way it words mistakes."""
+
+from __future__ import annotations
+
+import json
+import os
+import pty
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from malformed import good
+
+import matiere as mt
+
+COMMAND = [sys.executable, "-m", "matiere.service"]
+
+
+def run(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [*COMMAND, *arguments], cwd=cwd, capture_output=True, text=True, timeout=120
+    )
+
+
+def write_scene(folder: Path, **changes: Any) -> Path:
+    scene = good()
+    for key, value in changes.items():
+        scene[key] = value
+    path = folder / "scene.json"
+    path.write_text(json.dumps(scene))
+    return path
+
+
+def names(folder: Path) -> list[str]:
+    return sorted(p.name for p in folder.iterdir())
+
+
+def test_render_writes_everything_asked_for(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    done = run(
+        "render", "scene.json", "-o", "a.png", "-o", "a.exr", "--report", "report.json",
+        "--film", "a.mfilm", "--spp", "16", "--threads", "1", "--seed", "5", cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert names(tmp_path) == ["a.exr", "a.mfilm", "a.png", "report.json", "scene.json"]
+    assert "16 spp" in done.stdout and "relMSE" in done.stdout and "wrote a.png" in done.stdout
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert (report["spp"], report["seeds"], report["reason"]) == (16, [5], "spp")
+    film = mt.load_film(tmp_path / "a.mfilm")
+    exr = mt.read_image(tmp_path / "a.exr")
+    assert np.array_equal(exr.pixels[:, :, :3], film.mean.astype(np.float32))
+    assert exr.metadata["matiere:scene"] == report["scene_digest"]
+    shown = np.clip(mt.develop(film), 0, 1)
+    assert np.abs(mt.read_image(tmp_path / "a.png").pixels - shown).max() <= 0.5 / 255 + 1e-6
+
+
+def test_resumed_render_has_the_bits_of_one_long_one(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    run("render", "scene.json", "--film", "a.mfilm", "--spp", "8", cwd=tmp_path)
+    done = run(
+        "render", "scene.json", "--resume", "a.mfilm", "-o", "a.exr", "--spp", "32", cwd=tmp_path
+    )
+    assert done.returncode == 0, done.stderr
+    run("render", "scene.json", "-o", "b.exr", "--spp", "32", cwd=tmp_path)
+    a, b = (mt.read_image(tmp_path / name).pixels for name in ("a.exr", "b.exr"))
+    assert np.array_equal(a, b)
+
+
+def test_scene_may_name_its_files_view_and_depth(tmp_path: Path) -> None:
+    output = {"files": ["x.png", "x.exr"], "bit_depth": {"png": 16, "exr": 16}, "exposure": 1}
+    write_scene(tmp_path, output=output)
+    (tmp_path / "elsewhere").mkdir()
+    done = run("render", "../scene.json", "--quiet", cwd=tmp_path / "elsewhere")
+    assert done.returncode == 0, done.stderr
+    assert done.stdout == done.stderr == ""
+    assert names(tmp_path) == ["elsewhere", "scene.json", "x.exr", "x.png"]
+    assert mt.read_image(tmp_path / "x.png").metadata["matiere:exposure"] == "1.0"
+    half = mt.read_image(tmp_path / "x.exr").pixels
+    assert np.array_equal(half, half.astype(np.float16).astype(np.float32))
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "say where to write: -o out.png"),
+        (["-o", "a.bmp"], "use .png, .jpg or .exr"),
+        (["-o", "no/a.png"], "does not exist; make it first"),
+        (["-o", "a.png", "--view", "ACES"], "'Un-tone-mapped'"),
+        (["-o", "a.png", "--seconds", "-1"], "/render/seconds: "),
+        (["-o", "a.png", "--resume", "no.mfilm"], "no.mfilm"),
+        (["-o", "a.png", "--spp", "100000000"], "/render/spp: "),
+    ],
+)
+def test_bad_requests_fail_before_the_render(
+    arguments: list[str], words: str, tmp_path: Path
+) -> None:
+    write_scene(tmp_path)
+    done = run("render", "scene.json", *arguments, cwd=tmp_path)
+    assert done.returncode == 2, done
+    assert words in done.stderr, done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert names(tmp_path) == ["scene.json"]
+
+
+def test_missing_scene_is_named(tmp_path: Path) -> None:
+    done = run("render", "no.json", "-o", "a.png", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "no.json" in done.stderr and "No such file" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+def start_long_render(folder: Path, **kwargs: Any) -> subprocess.Popen[bytes]:
+    write_scene(folder)
+    arguments = ["render", "scene.json", "-o", "a.png", "--seconds", "60"]
+    return subprocess.Popen([*COMMAND, *arguments], cwd=folder, **kwargs)
+
+
+def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
+    process = start_long_render(tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
+    assert process.stderr is not None
+    first = process.stderr.readline()  # progress: the render runs
+    assert b"spp" in first
+    started = time.monotonic()
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130
+    assert time.monotonic() - started < 5
+    assert errors.decode().splitlines()[-1] == "interrupted; nothing was written"
+    assert names(tmp_path) == ["scene.json"]
+
+
+def test_terminal_shows_a_bar_with_spp_error_and_time_left(tmp_path: Path) -> None:
+    ours, theirs = pty.openpty()
+    environment = {**os.environ, "TERM": "xterm-256color", "COLUMNS": "120"}
+    process = start_long_render(tmp_path, stdout=subprocess.DEVNULL, stderr=theirs, env=environment)
+    os.close(theirs)
+    seen = b""
+    deadline = time.monotonic() + 60
+    while b"s left" not in seen or b"relMSE 0" not in seen:
+        assert time.monotonic() < deadline, seen[-500:]
+        seen += os.read(ours, 4096)
+    process.send_signal(signal.SIGINT)
+    while process.poll() is None:
+        try:
+            os.read(ours, 4096)
+        except OSError:
+            break
+    assert process.wait(timeout=30) == 130
+    os.close(ours)
+    assert b" spp, " in seen
+
+
+def test_schema_and_info(tmp_path: Path) -> None:
+    done = run("schema", cwd=tmp_path)
+    assert json.loads(done.stdout) == mt.schema()
+    facts = json.loads(run("info", "--json", cwd=tmp_path).stdout)
+    assert facts["matiere"] == mt.__version__
+    assert facts["embree"].startswith(("3.", "4."))
+    assert facts["threads"] >= 1 and facts["isa"]
+    assert "lambert" in run("info", cwd=tmp_path).stdout
+
+
+def test_help_lists_every_command_and_mistakes_are_guessed(tmp_path: Path) -> None:
+    text = run("--help", cwd=tmp_path).stdout
+    for command in ("render", "sweep", "serve", "submit", "schema", "info", "config"):
+        assert command in text
+    done = run("rendr", cwd=tmp_path)
+    assert done.returncode == 2
+    assert "render" in done.stderr
+    assert run("--version", cwd=tmp_path).stdout == f"matiere {mt.__version__}\n"
