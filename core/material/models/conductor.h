@@ -30,7 +30,7 @@ struct Conductor {
         }
         static constexpr auto rules() {
             return join(std::array{one_of("metal", "eta"), exclusive("metal", "eta"),
-                                   exclusive("metal", "k"), requires_param("k", "eta")},
+                                   exclusive("metal", "k"), together("eta", "k")},
                         AlphaParams<R>::rules());
         }
     };

@@ -1,0 +1,154 @@
+"""Materials for the contract tests: made from the core's tables, so that a new model is covered the
+moment it is in the list, and a hand-picked list of combinations that matter."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from matiere import _core
+
+
+@dataclass(frozen=True)
+class Case:
+    """One material and what is promised of it."""
+
+    type: str
+    params: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def id(self) -> str:
+        words = [f"{k}={v}" for k, v in self.params.items()]
+        return "-".join([self.type, *words]).replace(" ", "")
+
+    def bsdf(self, precision: str = "float") -> Any:
+        return _core.Bsdf(self.type, self.params, precision)
+
+    @property
+    def anisotropic(self) -> bool:
+        return "alpha_x" in self.params
+
+    @property
+    def interface(self) -> bool:
+        return self.type == "dielectric"
+
+    @property
+    def alpha(self) -> float:
+        """Smallest width of the facet slopes; 1 for models that have none."""
+        p = self.params
+        if "roughness" in p:
+            return float(p["roughness"]) ** 2
+        return float(min(p.get("alpha_x", 1.0), p.get("alpha_y", 1.0), p.get("alpha", 1.0)))
+
+    def lobe_width(self, cos_theta: float) -> float:
+        """Return the angle [rad] of the narrowest lobe seen at a cosine, 1 where none is narrow."""
+        width = self.alpha * max(cos_theta, 1e-9)
+        if self.interface:
+            width = min(width, abs(float(self.params.get("eta", 1.5)) - 1) * self.alpha)
+        return width if width > 0 else 1.0
+
+
+GOLD = {"eta": [0.14, 0.37, 1.44], "k": [3.98, 2.39, 1.60]}
+
+PICKED = (
+    Case("lambert", {"albedo": 1.0}),
+    Case("mirror", {"eta": 1.5}),
+    Case("mirror", {"F0": 1.0}),
+    Case("conductor", {**GOLD, "alpha": 0.0}),
+    Case("conductor", {**GOLD, "alpha": 1e-4}),
+    Case("conductor", {**GOLD, "alpha": 0.3, "masking": "v_cavity"}),
+    Case("conductor", {**GOLD, "alpha": 0.3, "distribution": "beckmann"}),
+    Case("conductor", {**GOLD, "alpha_x": 0.05, "alpha_y": 0.5}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 1.0}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 0.5, "masking": "smith_separable"}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 1e-5}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 0.01, "distribution": "beckmann"}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 1.0, "distribution": "beckmann"}),
+    Case(
+        "cook_torrance",
+        {"F0": 1.0, "alpha": 0.6, "distribution": "beckmann", "masking": "v_cavity"},
+    ),
+    Case(
+        "cook_torrance",
+        {"F0": 1.0, "alpha": 0.2, "distribution": "beckmann", "masking": "smith_separable"},
+    ),
+    Case("cook_torrance", {"F0": 0.9, "alpha_x": 0.01, "alpha_y": 1.0}),
+    Case("cook_torrance", {"F0": 0.9, "alpha_x": 1e-3, "alpha_y": 0.1}),
+    Case(
+        "cook_torrance",
+        {"F0": 0.9, "alpha_x": 0.5, "alpha_y": 0.05, "distribution": "beckmann"},
+    ),
+    Case("cook_torrance", {"F0": 0.3, "diffuse": 1.0, "alpha_x": 0.1, "alpha_y": 0.5}),
+    Case("cook_torrance", {"F0": 0.04, "diffuse": [0.9, 0.5, 0.1], "alpha": 0.02}),
+    Case("cook_torrance", {"F0": 0.5, "F82_tint": 0.2, "diffuse": 1.0, "alpha": 0.4}),
+    Case("cook_torrance", {"eta": 1.5, "diffuse": 1.0, "alpha": 0.3, "masking": "v_cavity"}),
+    Case("cook_torrance", {"F0": 1.0, "diffuse": 1.0, "alpha": 0.0}),
+    Case("plastic", {"albedo": 1.0, "alpha": 0.0}),
+    Case("plastic", {"albedo": 1.0, "alpha": 0.3}),
+    Case("plastic", {"albedo": 1.0, "alpha": 1.0, "distribution": "beckmann"}),
+    Case("plastic", {"albedo": [0.8, 0.2, 0.05], "eta": 2.4, "alpha": 0.05}),
+    Case("plastic", {"albedo": 0.0, "alpha": 0.1}),
+    Case("dielectric", {"eta": 1.5, "alpha": 0.0}),
+    Case("dielectric", {"eta": 1.5, "alpha": 0.1}),
+    Case("dielectric", {"eta": 1.5, "alpha": 0.5}),
+    Case("dielectric", {"eta": 1.5, "alpha": 1.0, "masking": "smith_separable"}),
+    Case("dielectric", {"eta": 2.4, "alpha": 0.3, "distribution": "beckmann"}),
+    Case(
+        "dielectric",
+        {"eta": 1.33, "alpha": 0.5, "distribution": "beckmann", "masking": "v_cavity"},
+    ),
+    Case("dielectric", {"eta": 1.5, "alpha_x": 0.1, "alpha_y": 0.6}),
+    Case("dielectric", {"eta": 0.7, "alpha": 0.2}),
+    Case("dielectric", {"eta": 1.0 + 1e-4, "alpha": 0.3}),
+    Case("dielectric", {"eta": 1.0, "alpha": 0.3}),
+)
+
+
+def _needed(row: dict[str, Any]) -> dict[str, Any]:
+    """Return values for what the model insists on."""
+    params = {p["name"]: 1.0 for p in row["params"] if p["required"]}
+    for names in row["one_of"]:
+        numeric = [p["name"] for p in row["params"] if p["name"] in names and p["kind"] != "metal"]
+        params[numeric[0]] = 0.5
+    for names in row["together"]:
+        if set(names) & set(params):
+            params.update({name: 2.0 for name in names if name not in params})
+    return params
+
+
+def _tried(p: dict[str, Any]) -> Iterator[Any]:
+    """Yield a few values of one parameter, its bounds among them."""
+    if p["kind"] == "enum":
+        yield from p["choices"]
+    elif p["kind"] == "bool":
+        yield from (False, True)
+    elif p["kind"] in ("scalar", "color"):
+        low, high = p["min"], p["max"]
+        if low is not None:
+            yield low + 0.25 if p["min_exclusive"] else low
+        yield high if high is not None and high <= 1 else 2.0
+
+
+def _allowed(row: dict[str, Any], params: dict[str, Any]) -> bool:
+    given = set(params)
+    together = all(not (given & set(g)) or set(g) <= given for g in row["together"])
+    required = all(b in given for a, b in row["requires"] if a in given)
+    return together and required and all(len(given & set(g)) < 2 for g in row["exclusive"])
+
+
+def generated() -> Iterator[Case]:
+    """Yield every model with one parameter at a time moved to its bounds."""
+    for row in _core.materials():
+        base = _needed(row)
+        yield Case(row["type"], base)
+        for p in row["params"]:
+            for value in _tried(p):
+                params = {**base, p["name"]: value}
+                if _allowed(row, params):
+                    yield Case(row["type"], params)
+
+
+def all_cases() -> list[Case]:
+    """Return the picked and the generated cases, each once."""
+    return list({case.id: case for case in (*PICKED, *generated())}.values())
