@@ -84,9 +84,10 @@ def expand(base: Mapping[str, Any], axes: Sequence[Axis], mode: str) -> Iterator
 
 
 def guess_columns(axes: Sequence[Axis], mode: str, cells: int) -> int:
-    """Return the columns of a contact sheet: the last axis of a grid, else nearly square."""
-    if mode == "grid" and len(axes) > 1 and len(axes[-1].values) <= 32:
-        return len(axes[-1].values)
+    """Return the columns of a contact sheet: the last axis that varies, else nearly square."""
+    lengths = [len(axis.values) for axis in axes if len(axis.values) > 1]
+    if mode == "grid" and len(lengths) > 1 and lengths[-1] <= 32:
+        return lengths[-1]
     return cells if cells <= 8 else math.ceil(math.sqrt(cells))
 
 

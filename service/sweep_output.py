@@ -175,6 +175,7 @@ def draw_error_plot(
 ) -> None:
     """Draw relMSE against seconds, both logarithmic, with the slope 1/time for the eye."""
     from matplotlib.figure import Figure
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     figure = Figure(figsize=(8, 5.5), layout="constrained")
     axes = figure.add_subplot()
@@ -194,6 +195,10 @@ def draw_error_plot(
         else "estimated relMSE",
         title="error against render time",
     )
+    for axis in (axes.xaxis, axes.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_major_formatter("{x:g}")
+        axis.set_minor_formatter(NullFormatter())
     _draw_slope(axes, [point for _, points in curves for point in points])
     axes.grid(True, which="both", linewidth=0.3)
     if axes.has_data() and len(curves) <= MAX_LEGEND:
