@@ -7,19 +7,22 @@ One process at a time owns it (flock on `lock`, released by the kernel when the 
 
 from __future__ import annotations
 
-import contextlib
+import errno
 import fcntl
 import hashlib
 import json
 import os
+import re
 from collections.abc import Mapping
 from pathlib import Path
 
 from matiere.jobs.artifacts import ArtifactFolder
-from matiere.jobs.errors import AssetMissing, DataDirLocked, JobsError
+from matiere.jobs.errors import AssetMissing, DataDirLocked, DiskFull, JobsError
 from matiere.jobs.job import JsonDict
+from matiere.scene.assets import unsafe
 
 PRIVATE = 0o700
+_DIGEST = re.compile(r"[0-9a-f]{64}")
 
 
 class DataDir:
@@ -91,30 +94,40 @@ class DataDir:
         manifest = json.dumps(sorted(assets.items()))
         folder = self.views / hashlib.sha256(manifest.encode()).hexdigest()[:32]
         for name, digest in sorted(assets.items()):
-            relative = Path(name)
-            if relative.is_absolute() or ".." in relative.parts or not relative.parts:
+            if unsafe(name) or not Path(name).parts:
                 continue  # the scene's own check refuses it, with a pointer
-            source = self.asset_path(digest)
-            if not source.exists():
+            if not is_digest(digest) or not (source := self.asset_path(digest)).exists():
                 raise AssetMissing(
                     f"asset {name!r} (SHA-256 {digest}) is not in the store; upload it with "
                     f"PUT /v1/assets/{digest} and submit again"
                 )
-            target = folder / relative
-            target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
-            with contextlib.suppress(FileExistsError):
-                os.link(source, target)
+            _link(source, folder / name)
         return folder
 
     def link_named(self, folder: Path, name: str) -> None:
         """Show a file of the asset folder inside a view as well, if there is one."""
-        relative = Path(name)
-        if folder == self.assets or relative.is_absolute() or ".." in relative.parts:
+        if folder == self.assets or unsafe(name) or not Path(name).parts:
             return
-        source, target = self.assets / relative, folder / relative
-        if source.is_file() and not target.exists():
-            target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
-            os.link(source, target)
+        real = Path(os.path.realpath(self.assets / name))
+        if real.is_file() and real.is_relative_to(os.path.realpath(self.assets)):
+            _link(real, folder / name)
+
+
+def _link(source: Path, target: Path) -> None:
+    try:
+        target.parent.mkdir(mode=PRIVATE, parents=True, exist_ok=True)
+        os.link(source, target)
+    except FileExistsError:
+        pass
+    except OSError as error:
+        if error.errno == errno.ENOSPC:
+            raise DiskFull(f"cannot show an asset to the renderer: {error.strerror}") from error
+        # A name no folder can hold: the scene's own check says that the file does not exist.
+
+
+def is_digest(text: str) -> bool:
+    """Tell whether `text` is a SHA-256 in lower-case hex."""
+    return _DIGEST.fullmatch(text) is not None
 
 
 def read_server_note(path: str | Path) -> JsonDict:

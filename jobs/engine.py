@@ -32,7 +32,7 @@ from typing import Any, TypeVar
 from uuid6 import uuid7
 
 from matiere.jobs.artifacts import fsync_folder
-from matiere.jobs.datadir import DataDir
+from matiere.jobs.datadir import DataDir, is_digest
 from matiere.jobs.errors import (
     AssetMismatch,
     DiskFull,
@@ -60,7 +60,7 @@ from matiere.jobs.submission import Request, Submitter, body_hash
 
 T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
-CLAIM_GRACE_S = 8.0
+MEMORY_SHARE = 8  # merging holds a film up to three times
 
 
 def open_engine(
@@ -80,7 +80,7 @@ def open_engine(
     for other commands to find (it may be set later by `Engine.announce`). Raises `DataDirLocked`
     (with `url` and `pid` of the holder), `StoreError` (store newer than the program, damaged, or
     on a network file system). Below `min_free_bytes` of free disk no new work is handed out;
-    films above `max_film_bytes` (a quarter of the memory) are refused. `work` names the module
+    films above `max_film_bytes` (an eighth of the memory) are refused. `work` names the module
     that renders; only tests give another.
     """
     threads = max(1, threads_per_child)
@@ -93,7 +93,7 @@ def open_engine(
         data.close()
         raise
     options = Options(count, threads, work, min_free_bytes, str(uuid7()))
-    engine = Engine(data, database, options, max_film_bytes or memory // 4)
+    engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
     if url is not None:
         engine.announce(url)
     return engine
@@ -206,7 +206,7 @@ class Engine:
             "disk_low": health.disk_low,
             "disk_full": self._scheduler.disk_paused(now),
             "draining": health.draining,
-            "stuck": health.stuck,
+            "stuck": health.stuck or health.fault,
             "resumed": self.resumed,
             "counters": dict(health.counters),
         }
@@ -227,13 +227,16 @@ class Engine:
         `stop` holds any of `spp`, `seconds`, `target_error`; given, it replaces the scene's own
         stop rule as in `mt.render`. `seconds` counts the film's render time as if all children
         worked on it (thread seconds / slots). `priority` is 0..100, higher first. Pointers in
-        errors are relative to the scene, or to `stop` (prefix `/stop`). Raises `SceneValidationError` (all errors at once),
-        `AssetMissing`, `IdempotencyConflict`, `DiskFull`, `Draining`.
+        errors are relative to the scene, or to `stop` (prefix `/stop`). Raises
+        `SceneValidationError` (all errors at once), `AssetMissing`, `IdempotencyConflict`,
+        `DiskFull`, `Draining`.
         """
         self._accepting()
         request = Request(stop, assets or {}, priority, label)
         digest = body_hash("job", scene, stop, assets, priority, label)
         key = jobs.Key(idempotency_key, digest) if idempotency_key else None
+        if key is not None and (known := self._db.read(lambda c: jobs.replayed(c, key, "job"))):
+            return self.get_job(known)
         spec = self._submitter.job(scene, request)
         job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
         self._scheduler.wake()
@@ -289,6 +292,8 @@ class Engine:
         request = Request(stop, assets or {}, priority, label)
         digest = body_hash("sweep", base, axes, mode, stop, assets, priority, label, columns)
         key = jobs.Key(idempotency_key, digest) if idempotency_key else None
+        if key is not None and (known := self._db.read(lambda c: jobs.replayed(c, key, "sweep"))):
+            return self.get_sweep(known)
         spec, cells = self._submitter.sweep(base, axes, request, mode, columns)
         sweep_id = self._db.write(lambda c: jobs.submit_sweep(c, spec, cells, key))
         self._scheduler.wake()
@@ -357,13 +362,19 @@ class Engine:
     # -- assets -------------------------------------------------------------------------------
     def missing_assets(self, digests: Iterable[str]) -> list[str]:
         """Return those SHA-256 digests (lower-case hex) that must still be uploaded."""
-        return [d for d in dict.fromkeys(digests) if not self._data.asset_path(d).exists()]
+        return [
+            digest
+            for digest in dict.fromkeys(digests)
+            if not is_digest(digest) or not self._data.asset_path(digest).exists()
+        ]
 
     def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
         """Store streamed bytes under their digest; false if they were there already.
 
         Raises `AssetMismatch` (nothing is kept) or `DiskFull`.
         """
+        if not is_digest(digest):
+            raise AssetMismatch(f"{digest!r} is not a SHA-256 in lower-case hex")
         target = self._data.asset_path(digest)
         if target.exists():
             for _ in stream:
@@ -439,7 +450,10 @@ class Engine:
         detail = f"{ready} of {len(slots)} child processes answer"
         if ready < len(slots) and self._scheduler.health.stuck:
             detail += f"; {self._scheduler.health.stuck}"
-        return Check(ready == len(slots) and self._scheduler.is_alive(), detail)
+        if self._scheduler.health.fault:
+            detail += f"; the scheduler fails: {self._scheduler.health.fault}"
+        good = ready == len(slots) and self._scheduler.is_alive()
+        return Check(good and not self._scheduler.health.fault, detail)
 
     def _disk_check(self) -> Check:
         if self._scheduler.disk_paused(time.monotonic()):

@@ -16,7 +16,9 @@ from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import FilmRow
 
 MERGE_EVERY_S = 2.0  # progress and previews of long jobs
-MERGE_BYTES = 256 * 2**20  # unmerged chunk files beyond this are folded in
+MERGE_BYTES_PER_S = 20 * 2**20  # a large prefix is rewritten less often
+MERGE_BYTES = 64 * 2**20  # unmerged chunk files beyond this, or beyond two passes, are folded in
+BYTES_PER_SAMPLE_SUM = 32  # four doubles per pixel and replicate
 SECONDS_SLACK = 1.05
 
 
@@ -152,7 +154,9 @@ class FilmWork:
         if any(self._may_end(job.stop, job.spp_cap, spp) for job in self.jobs):
             return True
         waiting = sum(blob.size for blob in self.files.values())
-        return now - self.merged_at > MERGE_EVERY_S or waiting > MERGE_BYTES
+        size = self.pixels * self.row.replicates * BYTES_PER_SAMPLE_SUM
+        pause = max(MERGE_EVERY_S, size / MERGE_BYTES_PER_S)
+        return now - self.merged_at > pause or waiting > max(MERGE_BYTES, 2 * size)
 
     def _may_end(self, stop: JsonDict, cap: int, spp: int) -> bool:
         if spp >= cap or spp >= self._wanted_spp(stop, cap):

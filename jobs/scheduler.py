@@ -83,7 +83,8 @@ class Health:
     disk_full_until: float = 0.0
     disk_low: bool = False
     draining: bool = False
-    stuck: str = ""
+    stuck: str = ""  # a child that does not start
+    fault: str = ""  # the last round of the scheduler failed
     counters: Counter[str] = field(default_factory=Counter)
 
 
@@ -124,9 +125,11 @@ class Scheduler(threading.Thread):
     # -- the loop -------------------------------------------------------------------------------
     def run(self) -> None:
         """Loop; an error in one step is logged and the next round goes on."""
+        wait = TICK_S
         while not self._stopping:
             try:
                 self._round()
+                self.health.fault, wait = "", TICK_S
             except DiskFull as error:
                 self.pause_for_disk(str(error))
             except StoreError:
@@ -134,9 +137,10 @@ class Scheduler(threading.Thread):
                 time.sleep(TICK_S)
             except Exception as error:
                 log.exception("a scheduling step failed; trying again")
-                self.health.stuck = f"{type(error).__name__}: {error}"
+                self.health.fault = f"{type(error).__name__}: {error}"
                 self._dirty = True
-                time.sleep(TICK_S)
+                time.sleep(wait)
+                wait = min(2.0 * wait, 5.0)
         self._end_children()
 
     def _round(self) -> None:
@@ -177,7 +181,7 @@ class Scheduler(threading.Thread):
     def _handle(self, message: Message) -> None:
         child, body = message.child, message.body
         if body["op"] == "hello":
-            child.ready = True
+            child.ready, self.health.stuck = True, ""
         elif child is self.utility.slot.child:
             self.utility.handle(body)
         elif body["op"] == "exit":
@@ -255,6 +259,9 @@ class Scheduler(threading.Thread):
         failed = self.db.write(lambda c: jobs.fail_film(c, film_id, error))
         log.warning("film %d failed (%s): %s", film_id, error.code, error.message)
         self.health.counters["jobs_failed"] += len(failed)
+        if (film := self.films.get(film_id)) is not None:  # asked for again, it starts afresh
+            film.tries.clear()
+            film.losses.clear()
         self._dirty = True
         self.utility.sweeps_may_have_ended()
 

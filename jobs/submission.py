@@ -11,11 +11,11 @@ from typing import Any
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs import sweep as sweeps
 from matiere.jobs.datadir import DataDir
+from matiere.jobs.film_work import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.job import MAX_PRIORITY, MIN_PRIORITY, JsonDict
 from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
 
 STOP_KEYS = ("spp", "seconds", "target_error")
-BYTES_PER_SAMPLE_SUM = 32  # four doubles per pixel and replicate
 MAX_FAULTS = 100
 
 

@@ -86,7 +86,7 @@ def dumps(value: Any) -> str:
 # -- submission -------------------------------------------------------------------------------
 def submit_job(c: Connection, spec: JobSpec, key: Key | None = None) -> str:
     """Insert a job (and its film, if new) and return the id; a known key returns its job."""
-    if key is not None and (known := _replayed(c, key, "job")):
+    if key is not None and (known := replayed(c, key, "job")):
         return known
     job_id = _insert_job(c, spec)
     if key is not None:
@@ -98,7 +98,7 @@ def submit_sweep(
     c: Connection, spec: SweepSpec, cells: Sequence[JobSpec], key: Key | None = None
 ) -> str:
     """Insert a sweep and one job per cell, all in this transaction; return the sweep's id."""
-    if key is not None and (known := _replayed(c, key, "sweep")):
+    if key is not None and (known := replayed(c, key, "sweep")):
         return known
     sweep_id = str(uuid7())
     c.execute(
@@ -121,7 +121,8 @@ def submit_sweep(
     return sweep_id
 
 
-def _replayed(c: Connection, key: Key, kind: str) -> str | None:
+def replayed(c: Connection, key: Key, kind: str) -> str | None:
+    """Return what was made for this key before; raise IdempotencyConflict for another request."""
     row = c.execute(sa.select(idempotency).where(idempotency.c.key == key.key)).first()
     if row is None:
         return None

@@ -285,6 +285,19 @@ def test_assets_are_stored_by_digest_and_pinned(engine: Engine) -> None:
     assert run(engine, scene, assets={"ball.glb": other}).cached is False, "other bytes, other film"
 
 
+@pytest.mark.parametrize("name", ["../x", "/etc/passwd", "a\0b", "n" * 300, "http://x/y", "", "."])
+def test_hostile_asset_names_reach_no_file(engine: Engine, name: str) -> None:
+    digest = put(engine, b"mesh")
+    engine.submit_job(SCENE, assets={name: digest})
+    with pytest.raises(AssetMissing):
+        engine.submit_job(SCENE, assets={"good": "../../../etc/passwd"})
+    with pytest.raises(AssetMismatch):
+        engine.put_asset("../x", [b"x"])
+    assert engine.missing_assets(["../x"]) == ["../x"]
+    inside = {p.name for p in (engine.data_dir / "views").rglob("*") if p.is_file()}
+    assert inside == set()
+
+
 def test_a_file_of_the_asset_folder_can_be_named_and_a_missing_one_is_pointed_at(
     engine: Engine,
 ) -> None:
