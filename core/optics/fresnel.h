@@ -22,6 +22,17 @@ struct FresnelTerms {
     R cos_theta_t{};    ///< >= 0; 0 beyond the critical angle
 };
 
+/// 1 - F from both cosines: c on the incident side, g = eta times the cosine on the transmitted side.
+/// Where both directions are known this keeps its digits at the critical angle, which a root of
+/// eta^2 - 1 + c^2 does not.
+template <class R>
+inline R dielectric_transmittance(R c, R g, R eta) {
+    const R eta2 = eta * eta;
+    const R s_den = c + g;
+    const R p_den = eta2 * c + g;
+    return R(2) * ((c / s_den) * (g / s_den) + (eta2 * c / p_den) * (g / p_den));
+}
+
 /// `eta` is the transmitted over the incident index, `cos_theta_i` >= 0.
 template <class R>
 inline FresnelTerms<R> fresnel_dielectric(R cos_theta_i, R eta) {
@@ -40,9 +51,7 @@ inline FresnelTerms<R> fresnel_dielectric(R cos_theta_i, R eta) {
     // (eta^2 + 1) c^2 - 1 in double too: it vanishes at Brewster's angle.
     const R brewster = R((double(eta) * double(eta) + 1.0) * double(c) * double(c) - 1.0);
     const R r_p = R(e) / p_den * (brewster / p_den);
-    const R t_s = (c / s_den) * (g / s_den);
-    const R t_p = (eta2 * c / p_den) * (g / p_den);
-    return {R(0.5) * (r_s * r_s + r_p * r_p), R(2) * (t_s + t_p), g / eta};
+    return {R(0.5) * (r_s * r_s + r_p * r_p), dielectric_transmittance(c, g, eta), g / eta};
 }
 
 /// Reflectance of a metal of complex index eta + i k, relative to the incident medium.

@@ -120,9 +120,9 @@ struct Dielectric {
     double e() const { return (double(eta) - 1.0) * (double(eta) + 1.0); }
 
     /// dw_h / dw_i of a refraction: |i.h| / (i.h + o.h / eta)^2, with the difference taken on paper.
-    R jacobian(R cos_o, R cos_t) const {
-        const double g = double(eta) * double(cos_t);
-        return R(double(cos_t) * sqr(double(eta) * (double(cos_o) + g) / e()));
+    double jacobian(double cos_o, double cos_t) const {
+        const double g = double(eta) * cos_t;
+        return cos_t * sqr(double(eta) * (cos_o + g) / e());
     }
 
     BsdfEval<R> eval_reflection(Vec3<R> wo, Vec3<R> wi) const {
@@ -136,16 +136,18 @@ struct Dielectric {
     }
 
     BsdfEval<R> eval_transmission(Vec3<R> wo, Vec3<R> wi) const {
-        // In double: for indices near 1 the sum nearly vanishes.
-        const Vec3d sum = vec_cast<double>(wo) + vec_cast<double>(wi) * double(eta);
+        // In double: for indices near 1 the sum nearly vanishes, and at the critical angle the
+        // cosines do.
+        const Vec3d o = vec_cast<double>(wo);
+        const Vec3d i = vec_cast<double>(wi);
+        const Vec3d sum = o + i * double(eta);
         const Vec3d unit = normalize(eta > R(1) ? -sum : sum);
+        const double cos_o = dot(o, unit);
+        const double cos_t = -dot(i, unit);
+        if (!(unit.z > 0.0) || !(cos_o > 0.0) || !(cos_t > 0.0)) return {};
         const Vec3<R> h = vec_cast<R>(unit);
-        const R oh = dot(wo, h);
-        if (!(h.z > R(0)) || !(oh > R(0)) || !(dot(wi, h) < R(0))) return {};
-        const FresnelTerms<R> F = fresnel_dielectric(oh, eta);
-        if (!(F.cos_theta_t > R(0))) return {};
-        const R pdf = F.transmittance * surface.D(h) * surface.visible_over_D(wo, h) *
-                      jacobian(oh, F.cos_theta_t);
+        const double T = dielectric_transmittance(cos_o, double(eta) * cos_t, double(eta));
+        const R pdf = R(T * jacobian(cos_o, cos_t)) * surface.D(h) * surface.visible_over_D(wo, h);
         const R weight = surface.transmission_weight(wo, wi, h) / (eta * eta);
         return {Spectrum<R>(pdf * weight), pdf};
     }
@@ -167,7 +169,8 @@ struct Dielectric {
         const Vec3<R> wi = normalize(h * (oh / eta - F.cos_theta_t) - wo * (R(1) / eta));
         if (!(wi.z < R(0))) return {};
         const R masking = smooth ? R(1) : surface.transmission_weight(wo, wi, h);
-        const R pdf = F.transmittance * D * (smooth ? R(1) : jacobian(oh, F.cos_theta_t));
+        const R pdf = F.transmittance * D *
+                      (smooth ? R(1) : R(jacobian(double(oh), double(F.cos_theta_t))));
         return BsdfSample<R>{wi, Spectrum<R>(masking / (eta * eta)), pdf,
                              std::uint8_t(kind | kTransmission), eta};
     }
