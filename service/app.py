@@ -53,9 +53,10 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     app.state.settings = settings
     app.state.in_flight = InFlight()
     errors.install(app)
+    host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app.add_middleware(
         SecurityMiddleware,
-        hosts=(*LOOPBACK_NAMES, *settings.allowed_hosts),
+        hosts=(*LOOPBACK_NAMES, host, *settings.allowed_hosts),
         max_body_bytes=settings.max_body_bytes,
         max_asset_bytes=settings.max_asset_bytes,
         body_timeout_s=settings.body_timeout_s,

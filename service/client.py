@@ -31,6 +31,7 @@ DEFAULT_URL = "http://127.0.0.1:8470"
 ENDED = frozenset({"succeeded", "failed", "cancelled", "expired"})
 POLL_S = (0.05, 1.0)  # first and longest pause between two looks at a job
 PIECE = 2**20
+SUBMIT_TIMEOUT_S = 600.0  # every cell of a large sweep is checked before the answer
 
 _RETRIED = (httpx.ConnectError, httpx.ReadError, httpx.WriteError, httpx.RemoteProtocolError)
 _URL_OF_KIND = {"report.json": "report", "error.svg": "error-plot.svg"}
@@ -223,7 +224,10 @@ class Client:
         headers = {"Idempotency-Key": key or uuid.uuid4().hex}
         for _ in range(3):  # another client may remove what we uploaded a moment ago
             try:
-                return self._request("POST", path, json=body, headers=headers).json()
+                answer = self._request(
+                    "POST", path, json=body, headers=headers, timeout=SUBMIT_TIMEOUT_S
+                )
+                return answer.json()
             except ServiceError as error:
                 missing = [str(item["name"]) for item in error.problem.get("missing", [])]
                 if error.code != "asset_missing" or not set(missing) & set(files):

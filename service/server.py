@@ -214,7 +214,13 @@ def open_log(data: Path, level: str) -> Path:
     root = logging.getLogger()
     root.addHandler(handler)
     root.setLevel(level.upper())
+    for name in ("httpx", "httpcore", "matplotlib"):  # they tell every step at INFO
+        logging.getLogger(name).setLevel(logging.WARNING)
     return path
+
+
+def _count(number: int, one: str, many: str) -> str:
+    return f"{number} {one if number == 1 else many}"
 
 
 def refuse_second(data: Path, busy: PortBusy, port: int) -> ServeError:
@@ -264,8 +270,8 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 ("log", str(log_path)),
                 (
                     "children",
-                    f"{engine.children} processes x {engine.threads_per_child} "
-                    + ("thread" if engine.threads_per_child == 1 else "threads"),
+                    f"{_count(engine.children, 'render process', 'render processes')} of "
+                    f"{_count(engine.threads_per_child, 'thread', 'threads')}, 1 utility process",
                 ),
             ]
         )

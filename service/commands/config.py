@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -21,6 +22,8 @@ def config(
 
     resolved = resolve(config=config)
     values = resolved.settings.model_dump(mode="json")
+    if values["database_url"]:  # a password is not for the screen
+        values["database_url"] = re.sub(r"(://[^:/@]*:)[^@]*@", r"\1***@", values["database_url"])
     if as_json:
         both = {k: {"value": v, "origin": resolved.origins[k]} for k, v in values.items()}
         typer.echo(json.dumps(both, indent=1))

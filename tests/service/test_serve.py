@@ -25,7 +25,7 @@ def test_serve_prints_where_everything_is_and_ends_on_sigterm(tmp_path: Path) ->
         assert re.fullmatch(r"http://127\.0\.0\.1:\d+", serving.url)
         assert serving.line("data directory") == str(data)
         log = Path(serving.line("log "))
-        assert serving.line("children") == "1 processes x 1 thread"
+        assert serving.line("children") == "1 render process of 1 thread, 1 utility process"
         note = json.loads((data / "server.json").read_text())
         assert note == {"url": serving.url, "pid": serving.process.pid}
         assert stat.S_IMODE(data.stat().st_mode) == 0o700

@@ -34,6 +34,7 @@ def cells(folder: Path) -> int:
     return len(list((folder / "cells").glob("*.png"))) if (folder / "cells").exists() else 0
 
 
+@pytest.mark.slow
 def test_killed_in_the_middle_the_same_command_finishes(tmp_path: Path, sweep_file: Path) -> None:
     data, out = tmp_path / "data", tmp_path / "out"
     arguments = ("sweep", sweep_file, "-o", out, "--data", data, "--children", 2)
