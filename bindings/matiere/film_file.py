@@ -78,7 +78,9 @@ def read_film(path: str | os.PathLike[str]) -> Film:
         raise FilmError(f"{name!r} has layers this matiere does not know", code="newer_film")
     try:
         core = _core.Film.from_bytes(sums)
-        info = {k: tuple(v) if isinstance(v, list) else v for k, v in header["info"].items()}
+        info: dict[str, Any] = {
+            k: tuple(v) if isinstance(v, list) else v for k, v in header["info"].items()
+        }
         return Film(core, FilmInfo(**info))
     except _core.SceneError as error:
         raise FilmError(f"{name!r}: {error}", code=error.code) from None
