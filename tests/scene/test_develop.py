@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 import matiere as mt
 from matiere.develop import builtin_configs, displays
@@ -13,8 +16,9 @@ from matiere.develop import builtin_configs, displays
 GREY = 0.18
 
 
-def one(*rgb: float, **keys: object) -> np.ndarray:
-    return mt.develop(np.array([[rgb]], np.float32), **keys)[0, 0]  # type: ignore[arg-type]
+def one(*rgb: float, **keys: Any) -> NDArray[np.float32]:
+    shown: NDArray[np.float32] = mt.develop(np.array([[rgb]], np.float32), **keys)[0, 0]
+    return shown
 
 
 def srgb(linear: float) -> float:

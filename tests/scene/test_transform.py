@@ -46,7 +46,7 @@ def test_quarter_turns_are_exact(turns: int) -> None:
 
 def test_rotation_keeps_axis_and_angle() -> None:
     axis = np.array([1.0, -2.0, 0.5])
-    matrix = rotation(33.0, axis)
+    matrix = rotation(33.0, axis.tolist())
     assert np.allclose(matrix @ axis, axis, atol=1e-15)
     assert np.allclose(matrix @ matrix.T, np.eye(3), atol=1e-15)
     assert np.isclose(np.trace(matrix), 1 + 2 * np.cos(np.deg2rad(33.0)), atol=1e-15)

@@ -165,13 +165,14 @@ def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> Any:
     environment = model.environment
     if environment is None or environment.radiance is not None:
         return None
+    pixels = None
     with _collected("/environment", work):
         loaded, negative = load_environment(environment, assets)
         if negative:
             why = f"{negative} negative values of the environment were set to 0"
             work.note("/environment", "negative_pixels", why, negative)
-        return loaded.pixels
-    return None
+        pixels = loaded.pixels
+    return pixels
 
 
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
