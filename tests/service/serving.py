@@ -57,10 +57,10 @@ class Serving:
             for line in self.lines:
                 if line.startswith(start):
                     return line.removeprefix(start).strip()
-            line = self._queue.get(timeout=max(0.01, end - time.monotonic()))
-            if line is None:
+            printed = self._queue.get(timeout=max(0.01, end - time.monotonic()))
+            if printed is None:
                 raise AssertionError(f"ended without {start!r}: {self.lines}")
-            self.lines.append(line)
+            self.lines.append(printed)
 
     def output(self) -> str:
         """Return all that was printed until the end."""

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -13,13 +12,10 @@ import pytest
 pytest.importorskip("matiere._core", reason="needs the built core")
 
 from malformed import CASES, GOOD, Case
+from real_queue import served_queue
 
-from matiere.jobs.engine import Engine, open_engine
-from matiere.service.app import create_app
+from matiere.jobs.engine import Engine
 from matiere.service.cli import main
-from matiere.service.client import Client
-from matiere.service.server import BackgroundServer, bind, url_of
-from matiere.service.settings import Settings
 
 # These are told while the JSON is read, before anything knows it is a scene.
 BY_THE_PARSER = {"not_json": "invalid_json", "deep_nesting": "json_too_deep"}
@@ -28,18 +24,8 @@ BY_THE_PARSER = {"not_json": "invalid_json", "deep_nesting": "json_too_deep"}
 @pytest.fixture(scope="module")
 def queue(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Engine, str]]:
     """Serve a queue that renders for real."""
-    data = tmp_path_factory.mktemp("real") / "data"
-    sock = bind("127.0.0.1", 0)
-    url = url_of(sock)
-    with (
-        open_engine(data, children=1) as engine,
-        BackgroundServer(create_app(engine, Settings(data=data)), sock),
-    ):
-        end = time.monotonic() + 60
-        while not engine.readiness().ready:
-            assert time.monotonic() < end
-            time.sleep(0.05)
-        yield engine, url
+    with served_queue(tmp_path_factory.mktemp("real") / "data") as served:
+        yield served
 
 
 def state(engine: Engine) -> tuple[set[str], int]:
@@ -129,17 +115,3 @@ def test_all_errors_come_at_once(queue: tuple[Engine, str]) -> None:
         "/scene/materials/ball/alpha",
         "/scene/shapes/0/material",
     ]
-
-
-def test_the_good_scene_renders_after_all_that(queue: tuple[Engine, str], tmp_path: Path) -> None:
-    with Client(queue[1]) as client:
-        job = client.wait(client.submit(GOOD).id, timeout_s=60)
-        assert job.state == "succeeded", job.error
-        assert job.relmse_interval is not None
-        png = client.fetch(job.id, "image.png", tmp_path / "out.png").read_bytes()
-        assert png.startswith(b"\x89PNG\r\n\x1a\n")
-        exr = client.fetch(job.id, "image.exr", tmp_path / "out.exr").read_bytes()
-        assert exr.startswith(b"\x76\x2f\x31\x01")
-        report = client.report(job.id)
-        assert report["spp"] == job.spp
-        assert [row["spp"] for row in report["log"]][-1] == job.spp
