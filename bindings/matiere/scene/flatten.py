@@ -50,6 +50,7 @@ class _Work:
     spaces: dict[str, str] = field(default_factory=dict)  # texture name -> its colour space
     textures: dict[str, int] = field(default_factory=dict)
     materials: dict[str, int] = field(default_factory=dict)
+    environment: NDArray[np.float32] | None = None
 
     def note(self, at: str, code: str, message: str, count: int) -> None:
         self.notes.append({"pointer": at, "code": code, "message": message, "count": count})
@@ -67,7 +68,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     meshes = _read_meshes(model, assets, work)
     _add_textures(model, assets, work)
     _check_scalar_textures(model, work)
-    environment = _read_environment(model, assets, work)
+    _read_environment(model, assets, work)
     if work.faults:
         raise SceneValidationError(work.faults)
     center = scene_center(model, [mesh for _, mesh in meshes])
@@ -76,7 +77,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     _add_meshes(meshes, center, work)
     _add_spheres(model, center, work)
     _add_lights(model, center, work)
-    _add_environment(model, environment, work)
+    _add_environment(model, work)
     if work.faults:
         raise SceneValidationError(work.faults)
     x, y, z = (float(c) for c in center)
@@ -161,18 +162,16 @@ def _check_scalar_textures(model: SceneModel, work: _Work) -> None:
                 work.faults.append(Fault(at, "wrong_color_space", why))
 
 
-def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> Any:
+def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
     environment = model.environment
     if environment is None or environment.radiance is not None:
-        return None
-    pixels = None
+        return
     with _collected("/environment", work):
         loaded, negative = load_environment(environment, assets)
         if negative:
             why = f"{negative} negative values of the environment were set to 0"
             work.note("/environment", "negative_pixels", why, negative)
-        pixels = loaded.pixels
-    return pixels
+        work.environment = loaded.pixels
 
 
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
@@ -286,7 +285,7 @@ def _add_lights(model: SceneModel, center: Vector, work: _Work) -> None:
             work.description.add_directional_light(light.direction, light.irradiance)
 
 
-def _add_environment(model: SceneModel, pixels: Any, work: _Work) -> None:
+def _add_environment(model: SceneModel, work: _Work) -> None:
     environment = model.environment
     if environment is None:
         return
@@ -294,7 +293,9 @@ def _add_environment(model: SceneModel, pixels: Any, work: _Work) -> None:
         r, g, b = (c * environment.scale for c in environment.radiance)
         work.description.set_constant_environment((r, g, b))
     else:
-        work.description.set_environment(pixels, environment.rotation_deg, environment.scale)
+        assert work.environment is not None
+        rotation, scale = environment.rotation_deg, environment.scale
+        work.description.set_environment(work.environment, rotation, scale)
 
 
 def _near(point: tuple[float, float, float], center: Vector) -> tuple[float, float, float]:
