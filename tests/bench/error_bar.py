@@ -19,7 +19,7 @@ from typing import Any
 
 import matiere as mt
 
-sys.path.insert(0, str(Path(__file__).parent))
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from film_scenes import scenes
 
 REFERENCE_SEED = 987_654_321
