@@ -34,6 +34,9 @@ def main(argv: Sequence[str] | None = None) -> None:
             raise
         complain(f"{EXTRA_HINT} ({error.name} is missing)")
         sys.exit(1)
+    except OSError as error:
+        complain(f"{error.filename or 'a file or connection'}: {error.strerror or error}")
+        sys.exit(1)
     except KeyboardInterrupt:
         complain("interrupted")
         sys.exit(130)

@@ -7,6 +7,7 @@ then, so that a nightly log stays readable.
 from __future__ import annotations
 
 import contextlib
+import os
 import sys
 import time
 from collections.abc import Callable, Iterator
@@ -16,7 +17,7 @@ import typer
 from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-from matiere.errors import SceneValidationError
+from matiere.errors import MatiereError, SceneValidationError
 from matiere.service.client import JobStatus, ServiceError
 
 PLAIN_PERIOD_S = 10.0
@@ -73,6 +74,17 @@ def worded(path: Path) -> Iterator[None]:
                 file=sys.stderr,
             )
         raise typer.Exit(2) from None
+
+
+def check_writable(path: Path) -> None:
+    """Raise `MatiereError` unless a file can be made at `path`: before the render, not after."""
+    folder = path.absolute().parent
+    while not folder.exists() and folder != folder.parent:
+        folder = folder.parent
+    if path.is_dir():
+        raise MatiereError(f"{path} is a folder; name a file", code="cannot_write")
+    if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
+        raise MatiereError(f"{path} cannot be written: check {folder}", code="cannot_write")
 
 
 class Remaining:

@@ -249,7 +249,6 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
     url = url_of(sock)
     with contextlib.ExitStack() as stack:
         stack.callback(sock.close)
-        settings.data.mkdir(mode=0o700, parents=True, exist_ok=True)
         engine = stack.enter_context(
             open_engine(
                 settings.data,

@@ -1,26 +1,27 @@
 """The folder a sweep writes: contact sheet, each cell's files, a table, error against time.
 
-sweep.json          which sweep this folder belongs to, and which cells are here already
 contact-sheet.png   all cells, labelled
 table.csv           one row per cell: parameters, state, samples, error, seconds, files
 error-vs-time.svg   one curve per cell
 cells/0003_gold_0.1.{png,exr,json,svg}
+.matiere-sweep.json which sweep this folder belongs to, and which cells are here already
 """
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import json
 import os
 import re
 from collections.abc import Iterable
 from pathlib import Path
-from typing import Any
 
 from matiere.service.client import Client, JobStatus
 
-STATE_FILE = "sweep.json"
+STATE_FILE = ".matiere-sweep.json"
 STATE_VERSION = 1
+PLOT = "error-vs-time.svg"
 CELL_FILES = {
     ".png": "image.png",
     ".exr": "image.exr",
@@ -28,7 +29,7 @@ CELL_FILES = {
     ".svg": "error.svg",
 }
 MAX_CURVES = 200  # beyond that a plot is a black patch
-MAX_LEGEND = 30
+_OURS = re.compile(r"(cells/)?[A-Za-z0-9+_-][A-Za-z0-9.+_-]*")  # what we may remove again
 _NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9.+-]+")
 
 
@@ -49,7 +50,8 @@ class OutputFolder:
             if state["version"] != STATE_VERSION:
                 return
             self.sweep_id, self.digest = state["sweep"], state["digest"]
-            self._fetched, self._files = dict(state["fetched"]), list(state["files"])
+            self._fetched = dict(state["fetched"])
+            self._files = [name for name in state["files"] if _OURS.fullmatch(name)]
         except (OSError, ValueError, KeyError, TypeError):
             return
 
@@ -66,7 +68,7 @@ class OutputFolder:
         self.save_state()
 
     def save_state(self) -> None:
-        """Write `sweep.json`, whole or not at all."""
+        """Write the state file, whole or not at all."""
         state = {
             "version": STATE_VERSION,
             "sweep": self.sweep_id,
@@ -109,7 +111,8 @@ class OutputFolder:
             self._note(sheet.name)
             written.insert(0, sheet)
             self.write_plot(done)
-            written.append(self.folder / "error-vs-time.svg")
+            if PLOT in self._files:
+                written.append(self.folder / PLOT)
         self.save_state()
         return [*written, self.folder / "cells"]
 
@@ -138,86 +141,26 @@ class OutputFolder:
 
     def write_plot(self, jobs: list[JobStatus]) -> None:
         """Draw error against render time, one curve per cell."""
+        from matiere.plot import error_plot
+
         curves = []
         for job in jobs[:MAX_CURVES]:
             report = json.loads((self.folder / self.names(job)[2]).read_text(encoding="utf-8"))
             name = ", ".join(_text(value) for value in job.parameters.values())
-            curves.append((name or str(job.cell), looks(report)))
-        draw_error_plot(curves, self.folder / "error-vs-time.svg")
-        self._note("error-vs-time.svg")
+            curves.append((name or str(job.cell), report["log"]))
+        with contextlib.suppress(ValueError):  # no cell knows its error: nothing to draw
+            self._write(PLOT, error_plot(curves, "error against render time"))
 
     def _note(self, name: str) -> None:
         if name not in self._files:
             self._files.append(name)
 
     def _write(self, name: str, text: str, *, ours: bool = True) -> None:
-        self.folder.mkdir(parents=True, exist_ok=True)
         part = self.folder / f".{name}.{os.getpid()}.part"
         part.write_text(text, encoding="utf-8")
         part.replace(self.folder / name)
         if ours:
             self._note(name)
-
-
-def looks(report: dict[str, Any]) -> list[tuple[float, float, float, float]]:
-    """Return (seconds, relMSE, low, high) of every look of a report at which the error is known."""
-    points = []
-    for row in report.get("log", []):
-        relmse, seconds = row.get("relmse"), row.get("wall_s")
-        if relmse and seconds:
-            low, high = row.get("lower") or relmse, row.get("upper") or relmse
-            points.append((float(seconds), float(relmse), float(low), float(high)))
-    return points
-
-
-def draw_error_plot(
-    curves: list[tuple[str, list[tuple[float, float, float, float]]]], path: Path
-) -> None:
-    """Draw relMSE against seconds, both logarithmic, with the slope 1/time for the eye."""
-    from matplotlib.figure import Figure
-    from matplotlib.ticker import LogLocator, NullFormatter
-
-    figure = Figure(figsize=(8, 5.5), layout="constrained")
-    axes = figure.add_subplot()
-    for name, points in curves:
-        if not points:
-            continue
-        seconds, error, low, high = zip(*points, strict=True)
-        (line,) = axes.plot(seconds, error, marker=".", linewidth=1.0, label=name)
-        if len(curves) <= 8:
-            axes.fill_between(seconds, low, high, color=line.get_color(), alpha=0.15, linewidth=0)
-    axes.set(
-        xscale="log",
-        yscale="log",
-        xlabel="render time of the cell / s",
-        ylabel="estimated relMSE (95 % interval shaded)"
-        if len(curves) <= 8
-        else "estimated relMSE",
-        title="error against render time",
-    )
-    for axis in (axes.xaxis, axes.yaxis):
-        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axis.set_major_formatter("{x:g}")
-        axis.set_minor_formatter(NullFormatter())
-    _draw_slope(axes, [point for _, points in curves for point in points])
-    axes.grid(True, which="both", linewidth=0.3)
-    if axes.has_data() and len(curves) <= MAX_LEGEND:
-        axes.legend(fontsize=7, loc="center left", bbox_to_anchor=(1.0, 0.5), frameon=False)
-    part = path.with_name(f".{path.name}.{os.getpid()}.part")
-    figure.savefig(part, format=path.suffix.lstrip("."))
-    part.replace(path)
-
-
-def _draw_slope(axes: Any, points: list[tuple[float, float, float, float]]) -> None:
-    if len(points) < 2:
-        return
-    first, last = min(p[0] for p in points), max(p[0] for p in points)
-    if last <= first:
-        return
-    at = max(p[1] for p in points if p[0] == first)
-    axes.plot(
-        [first, last], [at, at * first / last], "k--", linewidth=0.8, label="slope of 1 / time"
-    )
 
 
 def _last(kind: str) -> str:

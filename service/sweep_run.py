@@ -16,7 +16,15 @@ import typer
 
 from matiere.jobs.errors import DataDirLocked
 from matiere.service.client import Client, JobStatus, ServiceError, SweepStatus, local_files
-from matiere.service.console import Remaining, describe, format_time, live, upload_progress, worded
+from matiere.service.console import (
+    Remaining,
+    check_writable,
+    describe,
+    format_time,
+    live,
+    upload_progress,
+    worded,
+)
 from matiere.service.lockfile import read_announcement
 from matiere.service.settings import Settings, resolve
 from matiere.service.sweep_output import OutputFolder
@@ -38,6 +46,7 @@ def run_sweep(
     """Render a sweep into `output`; return the number of cells that did not succeed."""
     with worded(sweep_file):
         sweep = load_sweep(sweep_file)
+    check_writable(output / "table.csv")
     settings = resolve({"data": data, "children": children}).settings
     with _client(url, settings) as (client, own):
         folder = OutputFolder(output)
@@ -95,7 +104,6 @@ def own_service(settings: Settings) -> Iterator[Client]:
     from matiere.service.server import BackgroundServer, open_log, private_socket
 
     with contextlib.ExitStack() as stack:
-        settings.data.mkdir(mode=0o700, parents=True, exist_ok=True)
         engine = stack.enter_context(
             open_engine(
                 settings.data,

@@ -41,7 +41,7 @@ def submit(
 
     Example: matiere submit scene.json --spp 64 -o out.png
     """
-    from matiere.service.console import upload_progress, worded
+    from matiere.service.console import check_writable, upload_progress, worded
     from matiere.service.find import client_of
 
     for path in output or []:
@@ -49,6 +49,7 @@ def submit(
             raise typer.BadParameter(
                 f"{path}: the ending must be one of {', '.join(KINDS)}", param_hint="--output"
             )
+        check_writable(path)
     stop = {"spp": spp, "seconds": seconds}
     given = {name: value for name, value in stop.items() if value is not None}
     rule = given | ({} if target_error is None else {"target_error": {"relmse": target_error}})

@@ -119,18 +119,18 @@ def test_uploaded_assets_are_found_by_name_and_kept_once(
     (tmp_path / "sub" / "ball.glb").write_bytes(content)
     digest = api.upload(tmp_path / "sub" / "ball.glb")
     assert digest == hashlib.sha256(content).hexdigest()
-    before = files(queue[0].data_dir)
+    before = files(queue[0].data_dir / "assets")
     assert api.upload(tmp_path / "sub" / "ball.glb") == digest
-    assert files(queue[0].data_dir) == before
+    assert files(queue[0].data_dir / "assets") == before
 
 
 def test_an_asset_with_another_digest_leaves_nothing(
     http: httpx.Client, queue: tuple[Engine, str]
 ) -> None:
-    before = files(queue[0].data_dir)
+    before = files(queue[0].data_dir / "assets")
     answer = http.put(f"/v1/assets/{'0' * 64}", content=b"x" * 300_000, headers=OCTETS)
     assert (answer.status_code, answer.json()["code"]) == (422, "asset_mismatch")
-    assert files(queue[0].data_dir) == before
+    assert files(queue[0].data_dir / "assets") == before
     assert http.head(f"/v1/assets/{'0' * 64}").status_code == 404
 
 

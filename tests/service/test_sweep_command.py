@@ -130,6 +130,49 @@ def test_failed_cells_are_told_and_tried_again(
     assert {row["state"] for row in rows(out)} == {"succeeded"}
 
 
+def test_a_sweep_file_in_the_output_folder_stays(
+    capsys: pytest.CaptureFixture[str], engine: FakeEngine, url: str, sweep_file: Path
+) -> None:
+    finish_soon(engine)
+    path = sweep_file.rename(sweep_file.with_name("sweep.json"))
+    before = path.read_text()
+    for _ in range(2):
+        code, _, err = run(capsys, "sweep", path, "-o", path.parent, "--url", url)
+        assert code == 0, err
+    assert path.read_text() == before and (path.parent / "base.json").exists()
+
+
+def test_a_state_file_cannot_make_us_remove_other_files(
+    capsys: pytest.CaptureFixture[str], engine: FakeEngine, url: str, sweep_file: Path
+) -> None:
+    finish_soon(engine)
+    out = sweep_file.parent / "out"
+    out.mkdir()
+    names = ["../base.json", "cells/../../base.json", str(sweep_file.parent / "base.json"), ".."]
+    state = {"version": 1, "sweep": "x", "digest": "y", "fetched": {}, "files": names}
+    (out / ".matiere-sweep.json").write_text(json.dumps(state))
+    code, _, err = run(capsys, "sweep", sweep_file, "-o", out, "--url", url)
+    assert code == 0, err
+    assert (sweep_file.parent / "base.json").exists()
+
+
+@pytest.mark.parametrize("where", ["file", "file/below"])
+def test_a_folder_that_cannot_be_is_said_before_any_work(
+    capsys: pytest.CaptureFixture[str],
+    engine: FakeEngine,
+    url: str,
+    sweep_file: Path,
+    where: str,
+) -> None:
+    (sweep_file.parent / "file").write_text("x")
+    out = sweep_file.parent / where
+    code, _, err = run(capsys, "sweep", sweep_file, "-o", out, "--url", url)
+    assert code == 2 and "cannot be written" in err and not engine.sweeps
+    scene = sweep_file.parent / "base.json"
+    code, _, err = run(capsys, "submit", scene, "-o", out / "x.png", "--url", url)
+    assert code == 2 and "cannot be written" in err and not engine.jobs
+
+
 def test_render_overrides_are_laid_over_the_base(sweep_file: Path) -> None:
     document = json.loads(sweep_file.read_text())
     sweep_file.write_text(json.dumps({**document, "render": {"spp": 64}, "columns": 2}))
