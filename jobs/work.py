@@ -158,22 +158,16 @@ def stop_reason(
 # -- images (in the utility child) --------------------------------------------------------------
 def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
-    try:
-        from matiere.plot import error_plot
-    except ImportError:
-
-        def error_plot(films: Any) -> str:
-            return '<svg xmlns="http://www.w3.org/2000/svg"/>'
-
     film = _film(stored, header, request)
     output = request["output"]
     depths = output.get("bit_depth", {})
     view = {key: output[key] for key in ("config", "display", "view") if key in output}
     exposure = output.get("exposure", 0.0)
-    job = request["job"]
+    job, counts = request["job"], film.sample_counts
     report = film.report | {
         "job": job,
         "assets": request["assets"]["pins"],
+        "samples_per_pixel": [int(counts.min()), int(counts.max())],
         "chunks_rendered": request["chunks_rendered"],
         "reports_superseded": request["reports_superseded"],
     }
@@ -181,7 +175,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
         "image.png": _image(film, ".png", bit_depth=depths.get("png"), exposure=exposure, **view),
         "image.exr": _image(film, ".exr", bit_depth=depths.get("exr")),
         "report.json": json.dumps(report, allow_nan=False, indent=1).encode(),
-        "error.svg": error_plot([film]).encode(),
+        "error.svg": _plot(film, job["label"]).encode(),
     }
 
 
@@ -204,6 +198,18 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
         threads=request["threads"],
     )
     return Film(chunks.open_film(bytes(stored), of), info)
+
+
+def _plot(film: Film, label: str) -> str:
+    from matiere.plot import error_plot
+
+    try:
+        return error_plot([(label or "this job", film.report["log"])])
+    except ValueError as error:  # one replicate, or all replicates equal: an answer all the same
+        return (
+            '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 60" width="720" height="60" '
+            f'font-family="sans-serif" font-size="14"><text x="12" y="36">{error}</text></svg>\n'
+        )
 
 
 def _image(film: Film, suffix: str, **options: Any) -> bytes:

@@ -211,3 +211,14 @@ def test_a_scene_that_cannot_be_built_fails_once_with_its_pointer(tmp_path: Path
         assert job.error is not None
         assert (job.state, job.error.pointer) == ("failed", "/shapes/0/file")
         assert engine.status()["counters"].get("children_lost", 0) == 0
+
+
+def test_a_film_of_unknown_error_still_gets_all_its_files(tmp_path: Path) -> None:
+    scene = SCENE | {"render": {"spp": 4, "replicates": 1}}
+    with open_engine(tmp_path, children=1, **OPTIONS) as engine:
+        job = engine.wait_job(engine.submit_job(scene).id, 60)
+        assert (job.state, job.relmse, job.relmse_interval) == ("succeeded", None, None), job.error
+        assert report_of(engine, job.id)["error"]["known"] is False
+        assert "no look" in Path(engine.artifact(job.id, "error.svg").path).read_text()
+        sweep = engine.submit_sweep(scene, AXES[:1])
+        assert engine.wait_sweep(sweep.id, 60).artifacts == ("contact-sheet.png",)
