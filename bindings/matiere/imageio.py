@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from matiere.film import Film
 
 Image = NDArray[np.float32]
-MAX_READ_PIXELS = 2**28
+MAX_READ_VALUES = 2**29  # pixels x channels: 2 GiB of floats
 _INTEGER_KINDS = ("uint8", "int8", "uint16", "int16", "uint32", "int32")
 
 
@@ -56,9 +56,10 @@ def read_image(path: str | os.PathLike[str]) -> Decoded:
         raise ImageError(_reason(f"cannot read the image {name!r}", oiio.geterror()))
     try:
         spec = source.spec()
-        if spec.width * spec.height > MAX_READ_PIXELS or spec.depth > 1:
-            size = f"{spec.width} x {spec.height}"
-            raise ImageError(f"the image {name!r} is too large ({size} pixels)")
+        values = spec.width * spec.height * spec.depth * spec.nchannels
+        if values > MAX_READ_VALUES:
+            size = f"{spec.width} x {spec.height} pixels with {spec.nchannels} channels"
+            raise ImageError(f"the image {name!r} is too large ({size})")
         raw = source.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
         if raw is None:
             raise ImageError(_reason(f"cannot decode the image {name!r}", source.geterror()))

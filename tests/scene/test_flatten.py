@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -111,13 +112,36 @@ def test_directions_are_not_moved(recorded: None) -> None:
     assert made.of("add_rectangle_light")[0][1:3] == ((2.0, 0.0, 0.0), (0.0, 0.0, 2.0))
 
 
-def test_shapes_beyond_single_precision_are_refused(recorded: None) -> None:
+@pytest.mark.parametrize(
+    ("change", "pointer"),
+    [
+        (lambda s: s["shapes"][0].update(center=[1e16, 0, 0]), "/shapes/0/center/0"),
+        (lambda s: s["shapes"][0].update(radius=1e16), "/shapes/0/radius"),
+        (lambda s: s["shapes"][0].update(radius=1e-30), "/shapes/0/radius"),
+        (lambda s: s["camera"].update(origin=[0, 0, -1e30]), "/camera/origin/2"),
+        (lambda s: s["lights"][0].update(edge_u=[1e20, 0, 0]), "/lights/0/edge_u/0"),
+        (lambda s: s["shapes"][1].update(transform=[{"scale": 1e18}]), "/shapes/1"),
+    ],
+)
+def test_shapes_beyond_single_precision_are_refused(
+    change: Callable[[dict[str, Any]], object], pointer: str, recorded: None
+) -> None:
     scene = good()
-    scene["shapes"][0]["center"] = [1e16, 0, 0]
-    scene["shapes"][1]["transform"] = [{"scale": 1e18}]
+    change(scene)
     with pytest.raises(mt.SceneValidationError) as caught:
         mt.load(scene).flatten()
-    assert caught.value.errors[0]["code"] == "out_of_range"
+    (error,) = caught.value.errors
+    assert (error["pointer"], error["code"]) == (pointer, "out_of_range")
+
+
+def test_a_scene_without_light_is_noted(recorded: None) -> None:
+    scene = good()
+    scene["lights"], scene["environment"] = [], None
+    assert [n["code"] for n in mt.load(scene).flatten().notes] == ["no_light"]
+    scene["materials"]["ball"]["emission"] = 1
+    assert mt.load(scene).flatten().notes == ()
+    scene["shapes"].pop(0)  # the glowing material is on no shape any more
+    assert [n["code"] for n in mt.load(scene).flatten().notes] == ["no_light"]
 
 
 def textured(folder: Path, **texture: Any) -> dict[str, Any]:

@@ -227,6 +227,6 @@ def test_huge_images_are_refused_by_their_header(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     mt.write_image(tmp_path / "a.png", np.zeros((64, 64, 3), np.float32))
-    monkeypatch.setattr(imageio, "MAX_READ_PIXELS", 1000)
+    monkeypatch.setattr(imageio, "MAX_READ_VALUES", 1000)
     with pytest.raises(mt.ImageError, match="64 x 64"):
         mt.read_image(tmp_path / "a.png")

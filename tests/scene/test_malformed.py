@@ -58,7 +58,7 @@ def test_all_errors_come_at_once(tmp_path: Path) -> None:
     scene = good()
     scene["camera"]["vfov_deg"] = 190
     scene["film"]["widht"] = 3
-    scene["materials"]["ball"]["alpha"] = "rough"
+    scene["materials"]["ball"] |= {"alpha": "rough", "eta": 2}
     scene["shapes"][0]["material"] = "gold"
     scene["shapes"][1]["positions"][2][1] = float("nan")
     scene["lights"][0]["radiance"] = [1, -1, float("inf")]
@@ -70,6 +70,7 @@ def test_all_errors_come_at_once(tmp_path: Path) -> None:
         ("/camera/vfov_deg", "out_of_range"),
         ("/film/widht", "unknown_key"),
         ("/materials/ball/alpha", "wrong_type"),
+        ("/materials/ball/eta", "exclusive_keys"),
         ("/shapes/0/material", "unknown_material"),
         ("/shapes/1/positions/2/1", "not_finite"),
         ("/lights/0/radiance/1", "out_of_range"),

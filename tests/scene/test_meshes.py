@@ -132,6 +132,44 @@ def test_obj_without_names_is_one_part() -> None:
     assert (part.names, part.material, len(part.triangles)) == ((), None, 2)
 
 
+FIVE = "v 0 0 0\nv 1 0 0\nv 1.5 1 0\nv .5 2 0\nv -.5 1 0\n"
+MORE = "v 9 9 9\nv 8 8 8\nv 7 7 8\n"
+
+
+def corners_of(text: str) -> list[list[list[float]]]:
+    (part,) = read_parts("a.obj", text.encode())
+    corners: list[list[list[float]]] = part.positions[part.triangles].tolist()
+    return corners
+
+
+@pytest.mark.parametrize(
+    ("relative", "absolute"),
+    [
+        ("f -5 -4 -3\n", "f 1 2 3\n"),
+        ("f -5 -4 -3\n" + MORE + "f -3 -2 -1\n", "f 1 2 3\n" + MORE + "f 6 7 8\n"),
+        ("f 1 -4 3\n" + MORE, "f 1 2 3\n" + MORE),
+        ("f 1 2 3 4 5\n", "f 1 2 3\nf 1 3 4\nf 1 4 5\n"),
+        ("f 1 2 \\\n3\r\n", "f 1 2 3\n"),
+    ],
+)
+def test_obj_indices_and_polygons_follow_the_specification(relative: str, absolute: str) -> None:
+    assert corners_of(FIVE + relative) == corners_of(FIVE + absolute)
+
+
+def test_obj_relative_normals_and_uv_count_their_own_kind() -> None:
+    text = FIVE + "vt 0 0\nvt 1 0\nvn 0 0 1\nf -5/-2/-1 -4/-1/-1 -3/-2/-1\nvt 9 9\nvn 1 0 0\n"
+    (part,) = read_parts("a.obj", text.encode())
+    assert part.normals is not None and part.uv is not None
+    assert np.allclose(part.normals, [0, 0, 1])
+    assert sorted(part.uv.tolist()) == [[0, 0], [0, 0], [1, 0]]
+
+
+@pytest.mark.parametrize("face", ["f 0 1 2", "f 1 2 6", "f -6 1 2", "f 1 2 -0"])
+def test_obj_indices_that_lead_nowhere_are_refused(face: str) -> None:
+    with pytest.raises(MeshFileError):
+        read_parts("a.obj", (FIVE + face + "\n").encode())
+
+
 def test_obj_positions_are_double() -> None:
     (part,) = read_parts("a.obj", b"v 1000000.0000001 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
     assert part.positions.max() == 1000000.0000001
@@ -176,11 +214,25 @@ def test_glb_nodes_are_placed_and_named() -> None:
         ({"extensionsRequired": ["KHR_draco_mesh_compression"]}, "KHR_draco"),
         ({"meshes": [{"primitives": [{"attributes": {"POSITION": 99}}]}]}, "not a readable GLB"),
         ({"scenes": [{"nodes": []}]}, "no triangles"),
+        ({"accessors": [{"componentType": 5126, "count": 10**12, "type": "VEC3"}] * 4}, "claims"),
     ],
 )
 def test_glb_that_cannot_be_used_says_why(changes: dict[str, Any], words: str) -> None:
     with pytest.raises(MeshFileError, match=words):
         read_parts("a.glb", two_primitive_glb(**changes))
+
+
+def test_glb_whose_nodes_run_in_a_circle_ends() -> None:
+    nodes = [
+        {"name": "A", "mesh": 0, "children": [1]},
+        {"name": "B", "children": [0]},
+    ]
+    data = two_primitive_glb(nodes=nodes, scenes=[{"nodes": [0]}])
+    try:
+        parts = read_parts("a.glb", data)
+    except MeshFileError:
+        return
+    assert len(parts) == 2
 
 
 @pytest.mark.parametrize("name", ["a.ply", "a.obj", "a.glb"])

@@ -7,7 +7,7 @@ as soon as they arise, so that the class, and with it the list of known keys, is
 from __future__ import annotations
 
 import difflib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence, Set
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,6 +27,7 @@ Loc = tuple[str | int, ...]
 Line = tuple[Loc, PydanticCustomError]
 
 FLOAT_MAX = 3.4028234e38  # the core calculates in single precision
+MAX_COORDINATE = 1e15  # metres; squares and products of it still fit single precision
 
 
 def fault(code: str, message: str, suggestion: str | None = None) -> PydanticCustomError:
@@ -66,15 +67,24 @@ class Node(BaseModel):
         """Yield what is wrong between fields that are each right on their own."""
         return ()
 
+    @classmethod
+    def key_problems(cls, keys: Set[str]) -> Iterable[Line]:
+        """Yield what is wrong with keys standing together, whatever their values."""
+        return ()
+
     @model_validator(mode="wrap")
     @classmethod
     def _explain(cls, data: Any, handler: ModelWrapValidatorHandler[Any]) -> Any:
+        keys = set(data) if isinstance(data, Mapping) else set()
+        lines: list[Line] = list(cls.key_problems(keys)) if keys else []
         try:
             node = handler(data)
         except ValidationError as error:
             found = error.errors(include_url=False)
-            raise faults([(line["loc"], _explained(cls, line, data)) for line in found]) from None
-        if lines := list(node.problems()):
+            lines = [(line["loc"], _explained(cls, line, data)) for line in found] + lines
+        else:
+            lines += node.problems()
+        if lines:
             raise faults(lines)
         return node
 
@@ -195,13 +205,17 @@ def numbers(value: Any, count: int, what: str) -> tuple[float, ...]:
 
 
 def vec3(value: Any) -> tuple[float, ...]:
-    """Return `value` as three finite floats."""
-    return numbers(value, 3, "[x, y, z]")
+    """Return `value` as three floats no further from zero than MAX_COORDINATE."""
+    result = numbers(value, 3, "[x, y, z]")
+    if bad := [i for i, x in enumerate(result) if abs(x) > MAX_COORDINATE]:
+        why = f"must lie within {MAX_COORDINATE:g} m of the origin"
+        raise faults(((i,), fault("out_of_range", why)) for i in bad)
+    return result
 
 
 def direction(value: Any) -> tuple[float, ...]:
-    """Return `value` as three finite floats that are not all zero."""
-    result = numbers(value, 3, "[x, y, z]")
+    """Return `value` as three floats that are not all zero."""
+    result = vec3(value)
     if not any(result):
         raise fault("degenerate", "a direction must not be [0, 0, 0]")
     return result

@@ -20,7 +20,7 @@ from matiere.scene.assets import AssetRoot
 from matiere.scene.camera import PinholeCamera, ThinLensCamera
 from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
 from matiere.scene.materials import MaterialModel, TextureRef
-from matiere.scene.meshes import MAX_COORDINATE, PlacedMesh, clean, load_mesh
+from matiere.scene.meshes import PlacedMesh, clean, load_mesh
 from matiere.scene.model import SceneModel
 from matiere.scene.shapes import MeshShape, SphereShape
 from matiere.scene.textures import load_environment, load_texture
@@ -78,6 +78,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     _add_spheres(model, center, work)
     _add_lights(model, center, work)
     _add_environment(model, work)
+    _note_darkness(model, work)
     if work.faults:
         raise SceneValidationError(work.faults)
     x, y, z = (float(c) for c in center)
@@ -257,10 +258,6 @@ def _add_spheres(model: SceneModel, center: Vector, work: _Work) -> None:
     for index, shape in enumerate(model.shapes):
         if not isinstance(shape, SphereShape):
             continue
-        if max(shape.radius, *(abs(c) for c in shape.center)) > MAX_COORDINATE:
-            why = f"the sphere reaches further than {MAX_COORDINATE:g} m from the origin"
-            work.faults.append(Fault(pointer("shapes", index), "out_of_range", why))
-            continue
         work.description.add_sphere(
             _near(shape.center, center),
             shape.radius,
@@ -296,6 +293,17 @@ def _add_environment(model: SceneModel, work: _Work) -> None:
         assert work.environment is not None
         rotation, scale = environment.rotation_deg, environment.scale
         work.description.set_environment(work.environment, rotation, scale)
+
+
+def _note_darkness(model: SceneModel, work: _Work) -> None:
+    emissive = {name for name, m in model.materials.items() if m.emission != (0.0, 0.0, 0.0)}
+    lit = any(
+        not emissive.isdisjoint([s.material, *(getattr(s, "materials", None) or {}).values()])
+        for s in model.shapes
+    )
+    if not (model.lights or model.environment or lit):
+        why = "the scene has no light; add lights, an environment or a material with emission"
+        work.note("", "no_light", why, 1)
 
 
 def _near(point: tuple[float, float, float], center: Vector) -> tuple[float, float, float]:

@@ -6,7 +6,7 @@ about ranges, defaults and rules is checked here, so that the faults carry their
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Set
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -52,6 +52,11 @@ class MaterialModel(Node):
     priority: int = Field(
         0, ge=-1000, le=1000, description="of the interior: the higher one wins where two overlap"
     )
+
+    @classmethod
+    def key_problems(cls, keys: Set[str]) -> Iterable[Line]:
+        """Yield the faults of parameters that contradict or need each other."""
+        return rule_lines(cls.ROW, keys)
 
     def params(self) -> dict[str, Any]:
         """Return the model's own parameters that were given; the core fills in the others."""
@@ -227,7 +232,7 @@ def _field(row: Mapping[str, Any]) -> tuple[Any, Any]:
     return kind, Field(default=_default(row), description=doc)
 
 
-def rule_lines(row: Mapping[str, Any], given: set[str]) -> Iterable[Line]:
+def rule_lines(row: Mapping[str, Any], given: Set[str]) -> Iterable[Line]:
     """Yield the faults of parameters that must, or must not, be given together."""
     for names in row.get("exclusive", ()):
         used = [n for n in names if n in given]
@@ -257,9 +262,6 @@ EMISSION_ROW: dict[str, Any] = {
 def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
     kind = row["type"]
 
-    def problems(self: MaterialModel) -> Iterable[Line]:
-        return rule_lines(row, set(self.model_fields_set))
-
     fields: dict[str, Any] = {
         "type": (Literal[kind], Field(description="the model")),
         "emission": _field(EMISSION_ROW),
@@ -268,7 +270,6 @@ def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
     name = "".join(word.capitalize() for word in kind.split("_")) + "Material"
     made = create_model(name, __base__=MaterialModel, __doc__=row["doc"], **fields)
     made.ROW = row
-    made.problems = problems  # type: ignore[method-assign, assignment]
     return made
 
 

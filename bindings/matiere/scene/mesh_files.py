@@ -13,6 +13,7 @@ import re
 import struct
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -46,7 +47,7 @@ def read_parts(name: str, data: bytes) -> list[Part]:
     except MeshFileError:
         raise
     except MemoryError:
-        raise
+        raise MeshFileError("it needs more memory than there is") from None
     except Exception as error:  # parsers of files from strangers fail in many ways
         why = str(error).splitlines()[0] if str(error) else type(error).__name__
         raise MeshFileError(f"not a readable {suffix.upper()} file: {why}") from None
@@ -104,7 +105,10 @@ def _read_obj(data: bytes) -> Iterator[Part]:
         table, word = (materials, "usemtl m") if match[1] == b"usemtl" else (objects, "o o")
         return f"{word}{table.setdefault(name, len(table))}".encode()
 
-    text = re.sub(rb"^[ \t]*mtllib.*$", b"", data, flags=re.MULTILINE)
+    text = data.replace(b"\r\n", b"\n").replace(b"\\\n", b" ")
+    if _UNUSUAL_FACE.search(text):
+        text = _usual_faces(text)
+    text = re.sub(rb"^[ \t]*mtllib.*$", b"", text, flags=re.MULTILINE)
     text = b"mtllib all.mtl\no o0\nusemtl m0\n" + _OBJ_NAME.sub(token, text)
     library = "".join(f"newmtl m{i}\n" for i in range(len(materials) + 1)).encode()
     raw = load_obj(io.BytesIO(text), resolver=_OneFile({"all.mtl": library}), split_objects=True)  # type: ignore[arg-type]
@@ -115,6 +119,43 @@ def _read_obj(data: bytes) -> Iterator[Part]:
             raise MeshFileError("its groups could not be told apart")
         name, material = by_object[int(match[1])], by_material[int(match[2])]
         yield _part(geometry, (name,) if name else (), material or None)
+
+
+# Relative (negative) and zero indices, and faces of five or more corners.
+_UNUSUAL_FACE = re.compile(rb"^f[^\n]*[ \t/](?:-|0[/ \t\n])|^f(?:[ \t]+[^ \t\n]+){5}", re.MULTILINE)
+
+
+def _usual_faces(text: bytes) -> bytes:
+    """Rewrite faces as triangles with absolute indices; trimesh counts relative ones from the end.
+
+    Relative indices count back from the vertices read so far (OBJ specification); polygons become
+    fans.
+    """
+    read = {b"v": 0, b"vt": 0, b"vn": 0}
+    lines = []
+    for line in text.split(b"\n"):
+        words = line.split()
+        if words and words[0] in read:
+            read[words[0]] += 1
+        if not words or words[0] != b"f":
+            lines.append(line)
+            continue
+        corners = [_absolute(word, tuple(read.values())) for word in words[1:]]
+        for second, third in pairwise(corners[1:]):
+            lines.append(b" ".join((b"f", corners[0], second, third)))
+    return b"\n".join(lines)
+
+
+def _absolute(corner: bytes, read: tuple[int, ...]) -> bytes:
+    parts = []
+    for part, count in zip(corner.split(b"/"), read, strict=False):
+        index = int(part) if part else None
+        if index is not None:
+            index = index if index > 0 else count + 1 + index
+            if index < 1 or part == b"0":
+                raise MeshFileError("a triangle refers to a vertex that does not exist")
+        parts.append(b"" if index is None else b"%d" % index)
+    return b"/".join(parts)
 
 
 class _OneFile:
@@ -170,6 +211,8 @@ def _glb_header(data: bytes) -> tuple[dict[str, Any], bytes]:
         raise MeshFileError(why)
     if any("uri" in buffer for buffer in header.get("buffers", [])):
         raise MeshFileError("refers to another file; export as one self-contained GLB")
+    if any(accessor.get("count", 0) > len(data) for accessor in header.get("accessors", [])):
+        raise MeshFileError("claims more vertices than the file has bytes")
     return header, data[20 + length :]
 
 

@@ -10,12 +10,11 @@ from numpy.typing import NDArray
 
 from matiere.errors import Fault, SceneValidationError, pointed, pointer
 from matiere.scene.assets import AssetRoot
-from matiere.scene.checks import choose
+from matiere.scene.checks import MAX_COORDINATE, choose
 from matiere.scene.mesh_files import Doubles, MeshFileError, Part, read_parts
 from matiere.scene.shapes import MeshShape
 from matiere.scene.transform import apply_normals, apply_points, compose, mirrors, singular
 
-MAX_COORDINATE = 1e15  # metres; squares and products of it still fit single precision
 EVERY_OTHER = "*"
 
 

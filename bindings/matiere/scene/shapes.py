@@ -8,6 +8,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, PlainValidator, WithJsonSchema
 
 from matiere.scene.checks import (
+    MAX_COORDINATE,
     Direction,
     Float3,
     Line,
@@ -112,13 +113,16 @@ Transform = Annotated[
 ]
 
 
+MIN_RADIUS = 1e-9  # metres; its fourth power still fits single precision
+
+
 class SphereShape(Node):
     """A sphere."""
 
     type: Literal["sphere"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     center: Vec3 = Field(description="metres")
-    radius: float = Field(gt=0, description="metres")
+    radius: float = Field(ge=MIN_RADIUS, le=MAX_COORDINATE, description="metres")
     material: Name = Field(description="a key of `materials`")
 
 
