@@ -2,10 +2,11 @@
 
 import random
 
-import matiere as mt
 import numpy as np
 import pytest
 from film_scenes import scenes
+
+import matiere as mt
 from matiere import _core, chunks
 
 

@@ -1,5 +1,6 @@
 """The pure stop rule: what it decides at every kind of state."""
 
+import itertools
 from typing import Any
 
 import pytest
@@ -64,7 +65,7 @@ def test_looks_are_closer_when_an_error_is_asked_for() -> None:
     )
     assert plain == [4, 8, 16, 32, 48, 64, 96, 128, 192, 256, 368, 512, 736]
     assert set(plain) < set(close)
-    steps = [b / a for a, b in zip(close, close[1:], strict=False) if a >= 192]
+    steps = [b / a for a, b in itertools.pairwise(close) if a >= 192]
     assert max(steps) < 1.13
 
 
