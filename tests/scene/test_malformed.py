@@ -79,6 +79,33 @@ def test_all_errors_come_at_once(tmp_path: Path) -> None:
     ]
 
 
+@pytest.mark.parametrize("count", [10, 2000])
+@pytest.mark.parametrize(
+    ("bad", "place", "code"),
+    [
+        ("x", "positions/7/1", "wrong_type"),
+        (float("nan"), "positions/7/1", "not_finite"),
+        (None, "positions/7/1", "wrong_type"),
+        (10**400, "positions/7/1", "not_finite"),
+        ([1], "positions/7/1", "wrong_type"),
+        (1.5, "triangles/7/1", "wrong_type"),
+        (-1, "triangles/7/1", "index_out_of_range"),
+    ],
+)
+def test_bad_elements_of_short_and_long_arrays_have_pointers(
+    count: int, bad: object, place: str, code: str
+) -> None:
+    scene = good()
+    mesh = scene["shapes"][1]
+    mesh["positions"] = [[i, i % 7, i % 3] for i in range(count)]
+    mesh["triangles"] = [[i, i + 1, i + 2] for i in range(count - 2)]
+    mesh[place.split("/", maxsplit=1)[0]][7][1] = bad
+    with pytest.raises(mt.SceneValidationError) as caught:
+        mt.load(scene)
+    (error,) = caught.value.errors
+    assert (error["pointer"], error["code"]) == (f"/shapes/1/{place}", code)
+
+
 def test_pointers_are_escaped(tmp_path: Path) -> None:
     scene = good()
     scene["materials"]["a/b~c"] = {"type": "lambert", "albedo": 2}

@@ -258,6 +258,12 @@ Color = Annotated[Float3, PlainValidator(color), WithJsonSchema(COLOR_SCHEMA)]
 
 def _bad_elements(value: Any, columns: int, integer: bool) -> list[Line]:
     """Find what keeps `value` from being rows of `columns` numbers (the first few places)."""
+    if isinstance(value, np.ndarray):
+        if not integer or value.ndim != 2 or value.dtype.kind != "f":
+            return []
+        places = [tuple(int(i) for i in at) for at in np.argwhere(value % 1 != 0)[:5]]
+        what = "expected a whole number, got "
+        return [(at, fault("wrong_type", f"{what}{value[at]}")) for at in places]
     found: list[Line] = []
     noun = "whole numbers" if integer else "numbers"
     for row, item in enumerate(value):
@@ -292,7 +298,7 @@ def rows(columns: int, integer: bool = False) -> Callable[[Any], Any]:
             or array.shape[1] != columns
             or (array.dtype.kind not in wanted)
         ):
-            bad = [] if isinstance(value, np.ndarray) else _bad_elements(value, columns, integer)
+            bad = _bad_elements(value, columns, integer)
             if bad:
                 raise faults(bad)
             raise fault("wrong_type", f"expected {what}, got {shown(value)}")

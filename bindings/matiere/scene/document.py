@@ -18,6 +18,7 @@ from matiere.errors import Fault, SceneValidationError, pointer
 
 MAX_BYTES = 64 * 2**20
 MAX_DEPTH = 64
+MANY_ROWS = 1000  # from here on rows are taken as an array, not number by number
 
 
 class _Object(dict[str, Any]):
@@ -99,12 +100,26 @@ def _plain(value: Any, at: tuple[str | int, ...], found: list[Fault]) -> Any:
             found.append(Fault(pointer(*at, key), "duplicate_key", why))
         return {str(k): _plain(v, (*at, str(k)), found) for k, v in value.items()}
     if isinstance(value, list | tuple):
+        if len(value) >= MANY_ROWS and (array := _rows(value)) is not None:
+            return array
         return [_plain(v, (*at, i), found) for i, v in enumerate(value)]
     if hasattr(value, "model_dump"):
         return _plain(value.model_dump(exclude_unset=True), at, found)
     why = f"a scene cannot hold a value of type {type(value).__name__}"
     found.append(Fault(pointer(*at), "wrong_type", why))
     return None
+
+
+def _rows(value: list[Any] | tuple[Any, ...]) -> np.ndarray[Any, Any] | None:
+    """Return a long list of rows of numbers as an array at once; None if it is anything else."""
+    first = value[0]
+    if not isinstance(first, list | tuple) or not first or isinstance(first[0], bool | str):
+        return None
+    try:
+        array = np.array(value)
+    except (ValueError, TypeError, OverflowError):
+        return None
+    return array if array.ndim == 2 and array.dtype.kind in "iuf" else None
 
 
 def _number(value: float, at: tuple[str | int, ...], found: list[Fault]) -> int | float:

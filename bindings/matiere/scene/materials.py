@@ -67,7 +67,7 @@ class MaterialModel(Node):
         """Return every key that has a value: given, by default, or implied by what is absent."""
         values = {name: getattr(self, name) for name in type(self).model_fields}
         given = self.model_fields_set
-        taken = {n for names in self.ROW["exclusive"] if given.intersection(names) for n in names}
+        taken = {n for names in self.ROW["exclusive"] if not given.isdisjoint(names) for n in names}
         for row in self.ROW["params"]:
             name, implied = row["name"], row.get("implied")
             if values[name] is None and implied is not None and name not in taken:
@@ -241,7 +241,7 @@ def rule_lines(row: Mapping[str, Any], given: Set[str]) -> Iterable[Line]:
             why = f"{said} say the same thing; give one of {', '.join(map(repr, names))}"
             yield (used[1],), fault("exclusive_keys", why)
     for names in row.get("one_of", ()):
-        if not given.intersection(names):
+        if given.isdisjoint(names):
             yield (), fault("missing_key", f"needs one of {', '.join(map(repr, names))}")
     for names in row.get("together", ()):
         used = [n for n in names if n in given]
