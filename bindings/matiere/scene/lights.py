@@ -7,6 +7,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, PlainValidator
 
+from matiere.scene.arrays import Pixels
 from matiere.scene.camera import norm
 from matiere.scene.checks import (
     Color,
@@ -14,7 +15,6 @@ from matiere.scene.checks import (
     Line,
     Name,
     Node,
-    Pixels,
     Vec3,
     fault,
     tagged,

@@ -7,6 +7,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
+from matiere.scene.arrays import Points, Points2, Triangles
 from matiere.scene.checks import (
     MAX_COORDINATE,
     Direction,
@@ -14,9 +15,6 @@ from matiere.scene.checks import (
     Line,
     Name,
     Node,
-    Points,
-    Points2,
-    Triangles,
     Vec3,
     closest,
     fault,
