@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,18 +74,26 @@ def read_image(path: str | os.PathLike[str]) -> Decoded:
         source.close()
 
 
-def read_color(path: str | os.PathLike[str]) -> tuple[Image, bool]:
-    """Read an image as (H, W, 3) colour: grey is repeated, alpha and further channels left out.
+class ColorImage(NamedTuple):
+    """An image as (H, W, 3) colour, as stored."""
 
-    Returns the pixels as stored, and whether the file holds whole numbers.
-    """
+    pixels: Image
+    integer: bool  # whole numbers in the file, scaled to [0, 1]
+    chromaticities: tuple[float, ...] | None  # xy of red, green, blue, white, if the file says so
+
+
+def read_color(path: str | os.PathLike[str]) -> ColorImage:
+    """Read an image as colour: grey is repeated, alpha and further channels left out."""
     decoded = read_image(path)
     names = [name.upper() for name in decoded.channels]
     if all(c in names for c in "RGB"):
         wanted = [names.index(c) for c in "RGB"]
     else:
         wanted = [0, 0, 0] if decoded.pixels.shape[2] < 3 else [0, 1, 2]
-    return np.ascontiguousarray(decoded.pixels[:, :, wanted]), decoded.integer
+    said = decoded.metadata.get("chromaticities")
+    chromaticities = tuple(map(float, said)) if said is not None and len(said) == 8 else None
+    pixels = np.ascontiguousarray(decoded.pixels[:, :, wanted])
+    return ColorImage(pixels, decoded.integer, chromaticities)
 
 
 def srgb_to_linear(encoded: NDArray[Any]) -> Image:
@@ -151,7 +159,7 @@ class Stored:
 
     pixels: NDArray[Any]
     channels: Sequence[str]
-    metadata: Mapping[str, str | int | float]
+    metadata: Mapping[str, str | int | float | tuple[float, ...]]
 
 
 def write_stored(path: str | os.PathLike[str], stored: Stored, pixel_type: str) -> None:
@@ -238,7 +246,9 @@ def _describe(spec: Any, stored: Stored, suffix: str) -> None:
         spec.attribute("ImageDescription", "; ".join(lines))
         return
     for key, value in stored.metadata.items():
-        if suffix == ".png":  # PNG keeps text only
+        if key == "chromaticities":
+            spec.attribute(key, "float[8]", value)
+        elif suffix == ".png":  # PNG keeps text only
             spec.attribute(key, str(value))
         else:
             spec.attribute(key, value)

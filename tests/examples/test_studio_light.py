@@ -73,5 +73,5 @@ def test_file_holds_the_floats(studio_light: ModuleType, tmp_path: Path) -> None
 
     image = studio_light.studio_light(64, 32)
     studio_light.write(tmp_path / "studio.exr", image)
-    read, integer = imageio.read_color(tmp_path / "studio.exr")
+    read, integer, _ = imageio.read_color(tmp_path / "studio.exr")
     assert not integer and np.array_equal(read, image)

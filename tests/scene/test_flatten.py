@@ -12,6 +12,7 @@ from malformed import good
 
 import matiere as mt
 from matiere.imageio import Stored, write_stored
+from matiere.scene.textures import REC709, convert_to_rec709, rec709_from
 
 
 def described(scene: dict[str, Any], folder: Path | None = None) -> Any:
@@ -167,6 +168,34 @@ def test_textures_are_decoded_by_their_colour_space(tmp_path: Path, recorded: No
         ((pixels, _),) = made.of("add_texture")
         assert np.allclose(pixels[0, 0], [0, 0.2, 128 / 255], rtol=1e-7)
     assert made.of("add_material")[1][1]["albedo"] == ("texture", 0)
+
+
+AP1 = (0.713, 0.293, 0.165, 0.83, 0.128, 0.044, 0.32168, 0.33767)
+# ACEScg to linear Rec.709, CAT Bradford: as in OpenColorIO's own ACES configs
+ACESCG_TO_REC709 = [
+    [1.70505, -0.62179, -0.08326],
+    [-0.13026, 1.14080, -0.01055],
+    [-0.02400, -0.12897, 1.15297],
+]
+
+
+def test_primaries_of_a_file_are_honoured(tmp_path: Path, recorded: None) -> None:
+    assert np.allclose(rec709_from(AP1), ACESCG_TO_REC709, atol=2e-5)
+    pixel = np.array([0.4, 0.5, 0.6], np.float32)
+    notes: dict[str, Any] = {"chromaticities": AP1}
+    write_stored(tmp_path / "sky.exr", Stored(pixel[None, None], "RGB", notes), "float")
+    scene = good()
+    for space, wanted in ((None, ACESCG_TO_REC709 @ pixel), ("linear", pixel)):
+        scene["environment"] = {"file": "sky.exr", "color_space": space}
+        made = described(scene, tmp_path)
+        assert np.allclose(made.of("set_environment")[0][0][0, 0], wanted, atol=2e-5)
+
+
+def test_rec709_in_other_words_is_left_alone() -> None:
+    d50 = (0.64845, 0.33088, 0.32119, 0.59789, 0.15590, 0.06606, 0.34571, 0.35854)
+    pixels = np.random.default_rng(0).random((4, 4, 3)).astype(np.float32)
+    for chromaticities in (REC709, d50):
+        assert convert_to_rec709(pixels, chromaticities) is pixels
 
 
 def test_unused_textures_are_not_read(tmp_path: Path, recorded: None) -> None:

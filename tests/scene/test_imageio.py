@@ -122,9 +122,9 @@ def test_whole_number_formats_scale_to_one(name: str, kind: str, tmp_path: Path)
     top = np.iinfo(kind).max
     pixels = np.array([[[0, top // 3, top]]], kind)
     write_stored(tmp_path / name, Stored(pixels, "RGB", {}), kind)
-    read, integer = read_color(tmp_path / name)
-    assert integer
-    assert np.allclose(read[0, 0], pixels[0, 0] / top, rtol=1e-6)
+    read = read_color(tmp_path / name)
+    assert read.integer
+    assert np.allclose(read.pixels[0, 0], pixels[0, 0] / top, rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -133,25 +133,27 @@ def test_whole_number_formats_scale_to_one(name: str, kind: str, tmp_path: Path)
 def test_float_formats_keep_bright_values(name: str, kind: str, tmp_path: Path) -> None:
     pixels = np.array([[[0.5, 2, 1024]]], np.float32)
     write_stored(tmp_path / name, Stored(pixels, "RGB", {}), kind)
-    read, integer = read_color(tmp_path / name)
-    assert not integer
-    assert np.allclose(read[0, 0], [0.5, 2, 1024], rtol=0.01, atol=4.1)  # RGBE shares an exponent
+    read = read_color(tmp_path / name)
+    assert not read.integer
+    assert np.allclose(
+        read.pixels[0, 0], [0.5, 2, 1024], rtol=0.01, atol=4.1
+    )  # RGBE shares an exponent
 
 
 def test_grey_and_alpha_are_understood(tmp_path: Path) -> None:
     grey = np.full((1, 1, 1), 0.25, np.float32)
     write_stored(tmp_path / "a.exr", Stored(grey, "Y", {}), "float")
-    assert read_color(tmp_path / "a.exr")[0].tolist() == [[[0.25] * 3]]
+    assert read_color(tmp_path / "a.exr").pixels.tolist() == [[[0.25] * 3]]
     rgba = np.array([[[255, 128, 0, 51]]], np.uint8)
     write_stored(tmp_path / "b.png", Stored(rgba, "RGBA", {}), "uint8")
-    read = read_color(tmp_path / "b.png")[0][0, 0]
+    read = read_color(tmp_path / "b.png").pixels[0, 0]
     assert np.allclose(read, [1, 128 / 255, 0], rtol=1e-6)  # not darkened by alpha
 
 
 def test_channels_are_found_by_name(tmp_path: Path) -> None:
     pixels = np.array([[[0.1, 0.2, 0.3, 0.4]]], np.float32)
     write_stored(tmp_path / "a.exr", Stored(pixels, ("A", "B", "G", "R"), {}), "float")
-    assert np.allclose(read_color(tmp_path / "a.exr")[0][0, 0], [0.4, 0.3, 0.2])
+    assert np.allclose(read_color(tmp_path / "a.exr").pixels[0, 0], [0.4, 0.3, 0.2])
 
 
 @pytest.mark.parametrize(

@@ -47,13 +47,62 @@ def _read(name: str, color_space: str | None, assets: AssetRoot) -> Loaded:
     with pointed("/file"):
         path = assets.unchanged(name)
         try:
-            pixels, integer = read_color(path)
+            read = read_color(path)
         except ImageError as error:
             raise SceneValidationError([Fault("", "asset_unreadable", error.message)]) from None
         assets.unchanged(name)
-    if not np.isfinite(pixels).all():
-        y, x = (int(i) for i in np.argwhere(~np.isfinite(pixels).all(axis=2))[0])
+    if not np.isfinite(read.pixels).all():
+        y, x = (int(i) for i in np.argwhere(~np.isfinite(read.pixels).all(axis=2))[0])
         why = f"the image {name!r} holds NaN or infinity, first at pixel x {x}, y {y}"
         raise SceneValidationError([Fault("/file", "not_finite", why)])
-    space = color_space or ("sRGB" if integer else "linear")
-    return Loaded(srgb_to_linear(pixels) if space == "sRGB" else pixels, space)
+    space = color_space or ("sRGB" if read.integer else "linear")
+    pixels = srgb_to_linear(read.pixels) if space == "sRGB" else read.pixels
+    if color_space is None and read.chromaticities is not None:
+        pixels = convert_to_rec709(pixels, read.chromaticities)
+    return Loaded(pixels, space)
+
+
+# xy of red, green, blue and white (ITU-R BT.709, D65)
+REC709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
+# Cone responses of the Bradford adaptation (Lam 1985; matrix as in ICC.1:2022, annex E)
+_BRADFORD = np.array(
+    [[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]]
+)
+_SAME = 2e-3  # matrices closer to one than this differ by rounded chromaticities only
+
+
+def convert_to_rec709(
+    pixels: NDArray[np.float32], chromaticities: tuple[float, ...]
+) -> NDArray[np.float32]:
+    """Convert linear pixels from a file's own primaries; colours outside Rec.709 are clipped at 0.
+
+    The white point is adapted by Bradford's method. Files that only say Rec.709 in other words
+    come back unchanged.
+    """
+    matrix = rec709_from(chromaticities)
+    if np.abs(matrix - np.eye(3)).max() < _SAME:
+        return pixels
+    return np.maximum(pixels @ matrix.T, 0.0).astype(np.float32)
+
+
+def rec709_from(chromaticities: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return the matrix that takes linear RGB of other primaries to linear Rec.709."""
+    source, target = (_cone_white(c) for c in (chromaticities, REC709))
+    adapt = np.linalg.inv(_BRADFORD) @ np.diag(target / source) @ _BRADFORD
+    to_709 = np.linalg.inv(_to_xyz(REC709))
+    return np.asarray(to_709 @ adapt @ _to_xyz(chromaticities), np.float64)
+
+
+def _to_xyz(chromaticities: tuple[float, ...]) -> NDArray[np.float64]:
+    """Return the matrix to XYZ in which white has Y = 1 (SMPTE RP 177)."""
+    columns = np.stack([_xyz(*chromaticities[i : i + 2]) for i in (0, 2, 4)], axis=1)
+    white = _xyz(*chromaticities[6:])
+    return np.asarray(columns * np.linalg.solve(columns, white), np.float64)
+
+
+def _cone_white(chromaticities: tuple[float, ...]) -> NDArray[np.float64]:
+    return np.asarray(_BRADFORD @ _xyz(*chromaticities[6:]), np.float64)
+
+
+def _xyz(x: float, y: float) -> NDArray[np.float64]:
+    return np.array([x / y, 1.0, (1.0 - x - y) / y])
