@@ -62,7 +62,8 @@ def test_json_of_the_documents_is_accepted(root: Path, http_page: str) -> None:
     sweeps = http_page.split("## Sweeps")[1]
     SweepSubmission.model_validate(json.loads(re.findall(r"```json\n(.*?)```", sweeps, re.S)[0]))
     page = (root / "docs" / "sweep.md").read_text(encoding="utf-8")
-    file, axis = (json.loads(block) for block in re.findall(r"```json\n(.*?)```", page, re.S))
+    blocks = re.findall(r"```json[^\n]*\n(.*?)```", page, re.S)
+    file, axis = (json.loads(block) for block in blocks)
     SweepFile.model_validate(file)
     SweepFile.model_validate({**file, "axes": [axis]})
     keys = {row[0].strip("`") for row in table(page, "The file")}
