@@ -12,9 +12,10 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 
 # A folder of core includes only itself and folders to its left.
-CORE_ORDER = (
-    "base sampling optics texture material shape light camera film accel scene integrator render"
-).split()
+CORE_ORDER = [
+    *("base", "sampling", "optics", "texture", "material", "shape", "light", "camera"),
+    *("film", "accel", "scene", "integrator", "render"),
+]
 
 # A layer of Python imports only itself and layers to its right.
 PYTHON_FOLDERS = {"service": "service", "jobs": "jobs", "matiere": "bindings/matiere"}
