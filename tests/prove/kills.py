@@ -23,7 +23,8 @@ from _service import (
 
 SPP = 96
 SERVICE_KILLS = 2
-CHILD_KILLS = 3  # before every kill of the service
+CELLS_A_LIFE = 7  # cells that have ended before the service is killed
+CHILD_KILL_S = 1.5  # between kills of children
 
 
 def main() -> int:
@@ -37,14 +38,18 @@ def main() -> int:
     for life in range(SERVICE_KILLS):
         service = Service(folder / "killed")
         sweep = service.client.submit_sweep(base, axes, **request)
-        for n in range(CHILD_KILLS):
-            time.sleep(1.0)
-            killed.append(kill_one_child(service, n))
-        before = sum(service.client.sweep(sweep.id).counts[s] for s in ("succeeded", "failed"))
+        before = 0
+        while before < CELLS_A_LIFE * (life + 1):
+            time.sleep(CHILD_KILL_S)
+            killed.append(kill_one_child(service, len(killed)))
+            before = service.client.sweep(sweep.id).counts["succeeded"]
         resumed.append(service.status()["resumed"] | {"cells_done": before})
         service.kill()
-        print(f"life {life + 1}: killed children {killed[-CHILD_KILLS:]}, then the service "
-              f"({before} of 24 cells done)", flush=True)  # fmt: skip
+        print(
+            f"life {life + 1}: {len(killed)} children killed so far, then the service "
+            f"with {before} of 24 cells done",
+            flush=True,
+        )
     service = Service(folder / "killed")
     sweep = wait_sweep(service, service.client.submit_sweep(base, axes, **request).id)
     killed_s = time.monotonic() - begin
