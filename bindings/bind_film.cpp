@@ -37,8 +37,8 @@ py::array_t<T> view(std::span<const T> values, const std::vector<py::ssize_t>& s
 }
 
 py::array_t<double> image(const Film& film, const std::vector<double>& values) {
-    py::array_t<double> array({py::ssize_t(film.height()), py::ssize_t(film.width()),
-                               py::ssize_t(kColorChannels)});
+    py::array_t<double> array(
+        {py::ssize_t(film.height()), py::ssize_t(film.width()), py::ssize_t(kColorChannels)});
     std::memcpy(array.mutable_data(), values.data(), values.size() * sizeof(double));
     return array;
 }
@@ -88,19 +88,22 @@ void bind_plan(py::module_& m) {
         .def("round_up", &Plan::round_up, py::arg("spp"), "The smallest boundary >= spp.")
         .def("chunk_count", &Plan::chunk_count, py::arg("spp"))
         .def("is_look", &Plan::is_look, py::arg("spp"), py::arg("per_octave") = 2)
-        .def("chunk", [](const Plan& plan, std::uint32_t index) {
-            const Chunk c = plan.chunk(index);
-            py::dict d;
-            d["index"] = c.index;
-            d["layer"] = "camera";
-            d["x0"] = c.x0;
-            d["y0"] = c.y0;
-            d["x1"] = c.x1;
-            d["y1"] = c.y1;
-            d["s0"] = c.s0;
-            d["s1"] = c.s1;
-            return d;
-        }, py::arg("index"));
+        .def(
+            "chunk",
+            [](const Plan& plan, std::uint32_t index) {
+                const Chunk c = plan.chunk(index);
+                py::dict d;
+                d["index"] = c.index;
+                d["layer"] = "camera";
+                d["x0"] = c.x0;
+                d["y0"] = c.y0;
+                d["x1"] = c.x1;
+                d["y1"] = c.y1;
+                d["s0"] = c.s0;
+                d["s1"] = c.s1;
+                return d;
+            },
+            py::arg("index"));
     m.attr("MAX_SPP") = Plan::kMaxSpp;
 }
 
@@ -109,15 +112,18 @@ void bind_chunk_film(py::module_& m) {
         .def_property_readonly("index", [](const ChunkFilm& c) { return c.chunk().index; })
         .def_property_readonly("counters",
                                [](const ChunkFilm& c) { return counters_dict(c.work()); })
-        .def_property_readonly("sums", [](const py::object& self) {
-            const auto& c = self.cast<const ChunkFilm&>();
-            return view(c.sums(), {c.plan().replicates(), c.chunk().height(), c.chunk().width(),
-                                   kFilmChannels}, self);
-        })
+        .def_property_readonly("sums",
+                               [](const py::object& self) {
+                                   const auto& c = self.cast<const ChunkFilm&>();
+                                   return view(c.sums(),
+                                               {c.plan().replicates(), c.chunk().height(),
+                                                c.chunk().width(), kFilmChannels},
+                                               self);
+                               })
         .def("to_bytes", [](const ChunkFilm& c) { return as_bytes(c.to_bytes()); })
-        .def_static("from_bytes",
-                    [](const py::bytes& b) { return ChunkFilm::from_bytes(as_span(b)); },
-                    py::arg("data"));
+        .def_static(
+            "from_bytes", [](const py::bytes& b) { return ChunkFilm::from_bytes(as_span(b)); },
+            py::arg("data"));
 }
 
 void bind_film_class(py::module_& m) {
@@ -131,14 +137,17 @@ void bind_film_class(py::module_& m) {
         .def_property_readonly("spp", &Film::spp, "Samples every pixel has at least.")
         .def_property_readonly("counters",
                                [](const Film& film) { return counters_dict(film.work()); })
-        .def_property_readonly("sums", [](const py::object& self) {
-            const auto& f = self.cast<const Film&>();
-            return view(f.sums(), {f.replicates(), f.height(), f.width(), kFilmChannels}, self);
-        })
-        .def_property_readonly("counts", [](const py::object& self) {
-            const auto& f = self.cast<const Film&>();
-            return view(f.counts(), {f.height(), f.width()}, self);
-        })
+        .def_property_readonly(
+            "sums",
+            [](const py::object& self) {
+                const auto& f = self.cast<const Film&>();
+                return view(f.sums(), {f.replicates(), f.height(), f.width(), kFilmChannels}, self);
+            })
+        .def_property_readonly("counts",
+                               [](const py::object& self) {
+                                   const auto& f = self.cast<const Film&>();
+                                   return view(f.counts(), {f.height(), f.width()}, self);
+                               })
         .def("next_chunk", &Film::next_chunk, py::arg("tile"))
         .def("add", &Film::add, py::arg("chunk"), py::call_guard<py::gil_scoped_release>())
         .def("merge", &Film::merge, py::arg("other"), py::call_guard<py::gil_scoped_release>())
@@ -147,17 +156,19 @@ void bind_film_class(py::module_& m) {
         .def("mean_variance", &image_of<&mean_variance>)
         .def("standard_error", &image_of<&standard_error>)
         .def("error_weights", &image_of<&error_weights>)
-        .def("estimate", [](const Film& film) {
-            ErrorEstimate e;
-            {
-                const py::gil_scoped_release release;
-                e = estimate_error(film);
-            }
-            return error_dict(e);
-        })
+        .def("estimate",
+             [](const Film& film) {
+                 ErrorEstimate e;
+                 {
+                     const py::gil_scoped_release release;
+                     e = estimate_error(film);
+                 }
+                 return error_dict(e);
+             })
         .def("to_bytes", [](const Film& film) { return as_bytes(film.to_bytes()); })
-        .def_static("from_bytes", [](const py::bytes& b) { return Film::from_bytes(as_span(b)); },
-                    py::arg("data"))
+        .def_static(
+            "from_bytes", [](const py::bytes& b) { return Film::from_bytes(as_span(b)); },
+            py::arg("data"))
         .def_static("bytes_per_pixel", &Film::bytes_per_pixel, py::arg("replicates"));
 }
 
@@ -173,7 +184,8 @@ py::dict counters_dict(const Work& work) {
     py::list rejected;
     for (const RejectionRow& row : rejection_rows(work.counters)) {
         py::dict r;
-        r["material"] = row.material < 0 ? py::object(py::none()) : py::object(py::int_(row.material));
+        r["material"] =
+            row.material < 0 ? py::object(py::none()) : py::object(py::int_(row.material));
         r["cause"] = py::str(row.cause.data(), row.cause.size());
         r["count"] = row.count;
         rejected.append(r);

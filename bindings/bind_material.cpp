@@ -20,9 +20,12 @@ py::object finite_or_none(double v) {
 py::object default_of(const ParamInfo& info) {
     if (!info.has_default) return py::none();
     switch (info.kind) {
-        case ParamKind::kBool: return py::bool_(info.default_value != 0.0);
-        case ParamKind::kEnum: return py::cast(info.choices[std::size_t(info.default_value)]);
-        default: return py::float_(info.default_value);
+        case ParamKind::kBool:
+            return py::bool_(info.default_value != 0.0);
+        case ParamKind::kEnum:
+            return py::cast(info.choices[std::size_t(info.default_value)]);
+        default:
+            return py::float_(info.default_value);
     }
 }
 
@@ -79,9 +82,15 @@ py::dict model(const ModelSchema& schema) {
                 exclusive.append(names(rule));
                 alternatives.insert(rule.names.begin(), rule.names.end());
                 break;
-            case RuleKind::kOneOf: one_of.append(names(rule)); break;
-            case RuleKind::kTogether: together.append(names(rule)); break;
-            case RuleKind::kRequires: required.append(names(rule)); break;
+            case RuleKind::kOneOf:
+                one_of.append(names(rule));
+                break;
+            case RuleKind::kTogether:
+                together.append(names(rule));
+                break;
+            case RuleKind::kRequires:
+                required.append(names(rule));
+                break;
         }
     py::list params;
     for (const ParamInfo& info : schema.params)

@@ -82,13 +82,13 @@ class Probe {
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
         const bool below = wo.z < R(0);
         if (wo.z == R(0)) return {};
-        auto s = visit_model(model(below),
-                             [&]<class M>(const M& m) -> std::optional<BsdfSample<R>> {
-                                 if constexpr (std::same_as<M, std::monostate>)
-                                     return {};
-                                 else
-                                     return m.sample(mirrored(wo, below), u);
-                             });
+        auto s =
+            visit_model(model(below), [&]<class M>(const M& m) -> std::optional<BsdfSample<R>> {
+                if constexpr (std::same_as<M, std::monostate>)
+                    return {};
+                else
+                    return m.sample(mirrored(wo, below), u);
+            });
         if (s) s->wi = mirrored(s->wi, below);
         return s;
     }
@@ -115,8 +115,7 @@ class Probe {
     Array<R> pdf_rows(const Rows<R>& wo, const Rows<R>& wi) const {
         const py::ssize_t n = Rows<R>::common(wo, wi);
         Array<R> pdf(n);
-        for (py::ssize_t k = 0; k < n; ++k)
-            *pdf.mutable_data(k) = eval(wo[k], wi[k]).pdf;
+        for (py::ssize_t k = 0; k < n; ++k) *pdf.mutable_data(k) = eval(wo[k], wi[k]).pdf;
         return pdf;
     }
 
@@ -149,8 +148,7 @@ class Probe {
                     sum += spectrum_cast<double>(s->weight) *
                            (double(s->eta) * double(s->eta));  // energy, not radiance
             }
-            for (int c = 0; c < 3; ++c)
-                *albedo.mutable_data(k, c) = R(sum[c] / double(samples));
+            for (int c = 0; c < 3; ++c) *albedo.mutable_data(k, c) = R(sum[c] / double(samples));
         }
         return albedo;
     }
@@ -207,13 +205,15 @@ void bind_probe(py::module_& m) {
     sample_type = type.inc_ref().ptr();
     m.attr("BsdfSample") = type;
     py::class_<PyBsdf>(m, "Bsdf", "One material model, vectorised, in float or double.")
-        .def(py::init<const std::string&, const py::dict&, const std::string&, const std::string&>(),
-             py::arg("type"), py::arg("params"), py::arg("precision") = "float",
-             py::arg("pointer") = "")
-        .def_property_readonly("lobes",
-                               [](const PyBsdf& b) {
-                                   return b.visit([](const auto& p) { return py::int_(p.lobes()); });
-                               })
+        .def(
+            py::init<const std::string&, const py::dict&, const std::string&, const std::string&>(),
+            py::arg("type"), py::arg("params"), py::arg("precision") = "float",
+            py::arg("pointer") = "")
+        .def_property_readonly(
+            "lobes",
+            [](const PyBsdf& b) {
+                return b.visit([](const auto& p) { return py::int_(p.lobes()); });
+            })
         .def(
             "eval",
             [](const PyBsdf& b, const py::object& wo, const py::object& wi) {

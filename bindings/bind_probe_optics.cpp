@@ -50,9 +50,8 @@ void bind_precision(py::module_& m, const std::string& suffix) {
         .def(py::init([](R alpha_x, R alpha_y, int distribution, int masking) {
             return Surface::make(alpha_x, alpha_y, Distribution(distribution), Masking(masking));
         }))
-        .def("D", [](const Surface& s, const Array<R>& h) {
-            return per_row(h, [&](Vec3<R> v) { return s.D(v); });
-        })
+        .def("D", [](const Surface& s,
+                     const Array<R>& h) { return per_row(h, [&](Vec3<R> v) { return s.D(v); }); })
         .def("sigma", [](const Surface& s, const Array<R>& w) {
             return per_row(w, [&](Vec3<R> v) { return s.sigma(v); });
         });
@@ -136,7 +135,8 @@ py::tuple world_eval(const PyMaterials& t, int material, const py::dict& point,
     const py::ssize_t n = wi.shape(0);
     py::array_t<float> f({n, py::ssize_t(3)}), pdf(n);
     for (py::ssize_t k = 0; k < n; ++k) {
-        const auto e = bsdf.eval(PyMaterials::v3(wo), {*wi.data(k, 0), *wi.data(k, 1), *wi.data(k, 2)});
+        const auto e =
+            bsdf.eval(PyMaterials::v3(wo), {*wi.data(k, 0), *wi.data(k, 1), *wi.data(k, 2)});
         for (int c = 0; c < 3; ++c) *f.mutable_data(k, c) = e.f[c];
         *pdf.mutable_data(k) = e.pdf;
     }
@@ -150,8 +150,8 @@ py::tuple world_sample(const PyMaterials& t, int material, const py::dict& point
     py::array_t<float> wi({n, py::ssize_t(3)}), weight({n, py::ssize_t(3)}), pdf(n);
     Counters counters;
     for (py::ssize_t k = 0; k < n; ++k) {
-        const auto s = bsdf.sample(PyMaterials::v3(wo), {*u.data(k, 0), *u.data(k, 1), *u.data(k, 2)},
-                                   counters);
+        const auto s = bsdf.sample(PyMaterials::v3(wo),
+                                   {*u.data(k, 0), *u.data(k, 1), *u.data(k, 2)}, counters);
         for (int c = 0; c < 3; ++c) {
             *wi.mutable_data(k, c) = s ? s->wi[std::size_t(c)] : 0.0F;
             *weight.mutable_data(k, c) = s ? s->weight[c] : 0.0F;

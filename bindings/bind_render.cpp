@@ -60,7 +60,8 @@ py::dict row_dict(const PassRow& row) {
     d["wall_s"] = row.wall_s;
     d["cpu_s"] = row.cpu_s;
     const double efficiency = row.efficiency();
-    d["efficiency"] = efficiency > 0.0 ? py::object(py::float_(efficiency)) : py::object(py::none());
+    d["efficiency"] =
+        efficiency > 0.0 ? py::object(py::float_(efficiency)) : py::object(py::none());
     d["rays"] = row.rays;
     d["rejected"] = row.rejected;
     return d;
@@ -147,21 +148,23 @@ py::dict next_step_dict(const Plan& plan, const py::dict& stop_dict, const py::d
     if (has(state, "upper")) {
         now.upper = state["upper"].cast<double>();
         now.error_known = true;
-        now.error_spp = has(state, "error_spp") ? state["error_spp"].cast<std::uint64_t>() : now.spp;
+        now.error_spp =
+            has(state, "error_spp") ? state["error_spp"].cast<std::uint64_t>() : now.spp;
     }
     const Step step = next_step(plan, stop, now);
     py::dict d;
     d["go_on"] = step.go_on;
     d["next_spp"] = step.next_spp;
-    d["reason"] = step.go_on ? py::object(py::none()) : py::object(py::str(std::string(step.reason)));
+    d["reason"] =
+        step.go_on ? py::object(py::none()) : py::object(py::str(std::string(step.reason)));
     d["look"] = look_due(plan, stop, now.spp);
     d["seconds_left"] = optional_seconds(seconds_left(plan, stop, now));
     return d;
 }
 
 std::string settings_repr(const Settings& s) {
-    return "Settings(seed=" + std::to_string(s.seed) + ", max_depth=" + std::to_string(s.max_depth) +
-           ")";
+    return "Settings(seed=" + std::to_string(s.seed) +
+           ", max_depth=" + std::to_string(s.max_depth) + ")";
 }
 
 void bind_settings(py::module_& m) {

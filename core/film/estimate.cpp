@@ -14,9 +14,7 @@ namespace {
 constexpr int kC = kColorChannels;
 constexpr double kNormal975 = 1.959963984540054;
 
-double luminance(const double* rgb) {
-    return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2];
-}
+double luminance(const double* rgb) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
 /// Log-average luminance of the non-zero pixels of S; 0 for a black image. The logarithm of a noisy
 /// value is too low by v / (2 S^2) on average, which is put back (bounded for any noise).
@@ -75,7 +73,7 @@ class DifferenceVariance {
                 for (const auto& b : other.pairs()) sum += covariance_product(a, b);
             n += int(pixel.pairs().size() * other.pairs().size());
         };
-        if (y > 0) with(above_[column]);  // still the row above: this column comes next
+        if (y > 0) with(above_[column]);      // still the row above: this column comes next
         if (x > 0) with(above_[column - 1]);  // already this row
         above_[column] = pixel;
         return n == 0 ? 0.0 : factor() * sum / double(n);
@@ -242,8 +240,8 @@ std::vector<double> standard_error(const Film& film) {
             for (int c = 0; c < kC; ++c) {
                 double sum = 0.0;
                 int n = 0;
-                for (int v = std::max(y - kSmoothRadius, 0); v <= std::min(y + kSmoothRadius, h - 1);
-                     ++v)
+                for (int v = std::max(y - kSmoothRadius, 0);
+                     v <= std::min(y + kSmoothRadius, h - 1); ++v)
                     for (int u = std::max(x - kSmoothRadius, 0);
                          u <= std::min(x + kSmoothRadius, w - 1); ++u)
                         if (const double one = variance[at(u, v, c)]; !std::isnan(one)) {

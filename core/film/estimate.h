@@ -15,20 +15,20 @@
 namespace matiere {
 
 struct ErrorEstimate {
-    bool known = false;           ///< false: every other error below is meaningless
-    double relmse = 0.0;          ///< mean over pixels and channels of var(I) / (S^2 + 0.01 m^2)
-    double lower = 0.0;           ///< 95 % prediction interval of the realised relMSE
+    bool known = false;   ///< false: every other error below is meaningless
+    double relmse = 0.0;  ///< mean over pixels and channels of var(I) / (S^2 + 0.01 m^2)
+    double lower = 0.0;   ///< 95 % prediction interval of the realised relMSE
     double upper = 0.0;
-    double rmse = 0.0;            ///< root of the mean var(I), in units of radiance
-    double relmse_classic = 0.0;  ///< mean of var(I) / (I^2 + 0.01): against peers only
-    double log_average = 0.0;     ///< m: log-average luminance of the non-zero pixels of S
-    double unknown_share = 1.0;   ///< share of pixels whose replicates all agree exactly
+    double rmse = 0.0;              ///< root of the mean var(I), in units of radiance
+    double relmse_classic = 0.0;    ///< mean of var(I) / (I^2 + 0.01): against peers only
+    double log_average = 0.0;       ///< m: log-average luminance of the non-zero pixels of S
+    double unknown_share = 1.0;     ///< share of pixels whose replicates all agree exactly
     double effective_pixels = 0.0;  ///< (sum V)^2 / sum V^2 over the pixels' variances of D
 };
 
-inline constexpr double kRelativeFloor = 0.01;   ///< of m^2, keeps black pixels finite
-inline constexpr double kClassicFloor = 0.01;    ///< of the classic relMSE, in squared radiance
-inline constexpr int kSmoothRadius = 2;          ///< 5 x 5 pixels
+inline constexpr double kRelativeFloor = 0.01;  ///< of m^2, keeps black pixels finite
+inline constexpr double kClassicFloor = 0.01;   ///< of the classic relMSE, in squared radiance
+inline constexpr int kSmoothRadius = 2;         ///< 5 x 5 pixels
 inline constexpr int kColorChannels = 3;
 
 ErrorEstimate estimate_error(const Film& film);

@@ -60,8 +60,7 @@ void Film::add(const ChunkFilm& part) {
                                                       describe(part.plan()) + ", this one is " +
                                                       describe(plan_));
     if (merged_)
-        throw SceneError("film_is_merged",
-                         "a film merged from several seeds cannot be continued");
+        throw SceneError("film_is_merged", "a film merged from several seeds cannot be continued");
     const std::uint32_t expected = next_chunk(int(c.index % std::uint32_t(plan_.tiles())));
     if (c.index != expected)
         throw SceneError("chunk_out_of_order", "chunk " + std::to_string(c.index) +

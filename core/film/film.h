@@ -42,8 +42,7 @@ class ChunkFilm {
     /// Adds sample s (in the chunk's range) of the pixel at (x, y) inside the tile.
     void add(int x, int y, std::uint64_t s, const double (&value)[kFilmChannels]) {
         const auto r = std::size_t(s % std::uint64_t(plan_.replicates()));
-        const std::size_t pixel =
-            std::size_t(y) * std::size_t(chunk_.width()) + std::size_t(x);
+        const std::size_t pixel = std::size_t(y) * std::size_t(chunk_.width()) + std::size_t(x);
         double* sum = &sums_[(r * counts_.size() + pixel) * kFilmChannels];
         for (int c = 0; c < kFilmChannels; ++c) sum[c] += value[c];
         ++counts_[pixel];
@@ -83,7 +82,8 @@ class Film {
     std::uint64_t spp() const;
     /// Index of the next chunk of this tile.
     std::uint32_t next_chunk(int tile) const;
-    /// Adds the next chunk of a tile; throws SceneError for any other chunk, leaving the film as is.
+    /// Adds the next chunk of a tile; throws SceneError for any other chunk, leaving the film as
+    /// is.
     void add(const ChunkFilm& chunk);
     /// Adds a film of other seeds, replicate by replicate: the replicates stay independent and
     /// alike. Sizes and replicates must agree. The caller vouches that no seed occurs twice.

@@ -32,8 +32,7 @@ constexpr std::array<std::uint64_t, 256> make_crc_table() {
 std::uint64_t crc64(std::span<const std::byte> bytes) {
     static constexpr auto kTable = make_crc_table();
     std::uint64_t crc = ~std::uint64_t(0);
-    for (const std::byte b : bytes)
-        crc = kTable[(crc ^ std::uint64_t(b)) & 0xff] ^ (crc >> 8);
+    for (const std::byte b : bytes) crc = kTable[(crc ^ std::uint64_t(b)) & 0xff] ^ (crc >> 8);
     return ~crc;
 }
 
@@ -130,8 +129,7 @@ void put_work(Writer& out, const Work& work) {
     out.put(work.wall_s);
     for_each_counter(work.counters, [&](std::string_view, std::uint64_t n) { out.put(n); });
     out.put(std::uint64_t(work.counters.rejected.size()));
-    for (const auto& row : work.counters.rejected)
-        out.put_all(std::span<const std::uint64_t>(row));
+    for (const auto& row : work.counters.rejected) out.put_all(std::span<const std::uint64_t>(row));
 }
 
 Work get_work(Reader& in) {

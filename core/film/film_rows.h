@@ -67,8 +67,7 @@ class FilmRows {
                 }
                 const double mean = sum / double(r_count);
                 for (int r = 0; r < r_count; ++r) {
-                    const double d =
-                        to.replicates[(std::size_t(r) * width_ + x) * kC + c] - mean;
+                    const double d = to.replicates[(std::size_t(r) * width_ + x) * kC + c] - mean;
                     squares += d * d;
                 }
                 to.moments[x * kMoments + c] = mean;

@@ -1,5 +1,6 @@
 // Reconstruction filters, sampled in proportion to their value: every sample then has weight 1 and
-// pixels stay independent of each other, as the error bar needs (Shirley et al., Ernst et al. 2006).
+// pixels stay independent of each other, as the error bar needs (Shirley et al., Ernst et al.
+// 2006).
 #pragma once
 
 #include <array>

@@ -56,9 +56,8 @@ class PixelPairs {
     }
 
     bool all_equal() const {
-        return std::all_of(pairs_.begin(), pairs_.end(), [](const Pair& p) {
-            return p.difference == std::array<double, kC>{};
-        });
+        return std::all_of(pairs_.begin(), pairs_.end(),
+                           [](const Pair& p) { return p.difference == std::array<double, kC>{}; });
     }
 
     /// Sum over channels of weight times the unbiased variance of the pixel mean.

@@ -34,8 +34,8 @@ int choose_tile_edge(int width, int height) {
 void check(int width, int height, int replicates) {
     if (width < 1 || height < 1 || width > Plan::kMaxEdge || height > Plan::kMaxEdge)
         throw SceneError("bad_film_size",
-                         "a film is 1 to 65536 pixels wide and high, not " +
-                             std::to_string(width) + " x " + std::to_string(height),
+                         "a film is 1 to 65536 pixels wide and high, not " + std::to_string(width) +
+                             " x " + std::to_string(height),
                          "/film");
     if (replicates < 1 || replicates > Plan::kMaxReplicates)
         throw SceneError("bad_replicates",

@@ -23,8 +23,8 @@ template <class R>
 struct CoatedDiffuse {
     MicrofacetLobe<R> coat;
     CoatAlbedo<R> albedo;
-    Spectrum<R> body;          ///< rho / (eta^2 (1 - rho) + rho (1 - E_avg)); black: no body
-    R body_share{};            ///< mean over channels of body (1 - E_avg)
+    Spectrum<R> body;  ///< rho / (eta^2 (1 - rho) + rho (1 - E_avg)); black: no body
+    R body_share{};    ///< mean over channels of body (1 - E_avg)
 
     static CoatedDiffuse make(const MicrofacetLobe<R>& coat, const CoatAlbedo<R>& albedo,
                               const Spectrum<R>& rho, R eta2) {
@@ -41,9 +41,7 @@ struct CoatedDiffuse {
 
     bool has_body() const { return !body.is_black(); }
 
-    std::uint8_t lobes() const {
-        return std::uint8_t(coat.lobe() | (has_body() ? kDiffuse : 0));
-    }
+    std::uint8_t lobes() const { return std::uint8_t(coat.lobe() | (has_body() ? kDiffuse : 0)); }
 
     /// Probability of sampling the coat: its share of the light that wo sees, E_o its albedo there.
     R coat_probability(const Spectrum<R>& E_o) const {

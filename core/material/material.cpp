@@ -39,7 +39,8 @@ void read_emission(const MaterialDescription& d, const TextureTable& textures, M
         r.emission_texture = ref->index;
         r.emission = image.mean();
     } else {
-        throw SceneError("wrong_type", "emission must be a number, [r, g, b] or a texture", pointer);
+        throw SceneError("wrong_type", "emission must be a number, [r, g, b] or a texture",
+                         pointer);
     }
     if (!r.emission.is_finite() || r.emission.has_negative())
         throw SceneError("out_of_range", "emission must be finite and not negative", pointer);

@@ -22,12 +22,12 @@ struct MaterialRecord {
     bool emissive = false;
     bool delta_only = false;  ///< every lobe is a delta: connecting to lights is useless
     int priority = 0;
-    float eta_interior = 1.0F;       ///< index of the medium inside
-    Spectrumf sigma_a;               ///< absorption of the medium inside [1/m]
-    Spectrumf emission;              ///< emitted radiance; the texture's mean where textured
-    int emission_texture = -1;       ///< -1: constant
-    std::uint32_t features = 0;      ///< ModelFeature bits
-    std::uint8_t lobes = 0;          ///< Lobe bits; all that may occur where textured
+    float eta_interior = 1.0F;   ///< index of the medium inside
+    Spectrumf sigma_a;           ///< absorption of the medium inside [1/m]
+    Spectrumf emission;          ///< emitted radiance; the texture's mean where textured
+    int emission_texture = -1;   ///< -1: constant
+    std::uint32_t features = 0;  ///< ModelFeature bits
+    std::uint8_t lobes = 0;      ///< Lobe bits; all that may occur where textured
     ModelRecipe<float> recipe;
 };
 
@@ -76,8 +76,8 @@ class Bsdf {
     const AnyModel<float>& model() const { return constant_ ? *constant_ : own_; }
 
     Framef frame_;
-    Vec3f n_g_;                                 // on the side of wo
-    const AnyModel<float>* constant_ = nullptr; // null: own_
+    Vec3f n_g_;                                  // on the side of wo
+    const AnyModel<float>* constant_ = nullptr;  // null: own_
     AnyModel<float> own_;
     int material_;
     bool black_ = false;  // the back of a one-sided surface

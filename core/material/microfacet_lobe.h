@@ -35,8 +35,7 @@ struct MicrofacetLobe {
 
     /// Weight F G2 / G1, at most 1; nothing where the reflected direction is below the horizon.
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
-        if (is_delta())
-            return BsdfSample<R>{{-wo.x, -wo.y, wo.z}, fresnel(wo.z), R(1), lobe()};
+        if (is_delta()) return BsdfSample<R>{{-wo.x, -wo.y, wo.z}, fresnel(wo.z), R(1), lobe()};
         const Vec3<R> h = surface.sample_for_reflection(wo, u);
         const R oh = dot(wo, h);
         if (!(oh > R(0))) return {};

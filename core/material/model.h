@@ -42,9 +42,8 @@ concept Model = requires(const M& m, Vec3<R> w, const typename M::Params& params
 /// that are constant or marked textured. `prepare` itself is pure and never allocates.
 template <class M, class R>
 concept TabulatedModel =
-    Model<M, R> && requires(typename M::Params& params, TableStore<R>& tables) {
-        M::tabulate(params, tables);
-    };
+    Model<M, R> &&
+    requires(typename M::Params& params, TableStore<R>& tables) { M::tabulate(params, tables); };
 
 /// A model that bounds a medium: at a hit it is asked for itself with the relative index of the
 /// two media that really meet there (other side over the side of wo).

@@ -40,7 +40,8 @@ class Reader {
     }
 
     void check_range(const ParamInfo& info, double v) const {
-        if (std::isfinite(v) && v <= info.max && (info.min_exclusive ? v > info.min : v >= info.min))
+        if (std::isfinite(v) && v <= info.max &&
+            (info.min_exclusive ? v > info.min : v >= info.min))
             return;
         fail("out_of_range",
              std::string(info.name) + " is " + number_text(v) + "; it must be " + range_text(info),
@@ -158,8 +159,7 @@ void check_rule(const Reader& reader, const Rule& rule) {
     }
     switch (rule.kind) {
         case RuleKind::kExclusive:
-            if (given > 1)
-                reader.fail("exclusive", "give only one of " + names, second_given);
+            if (given > 1) reader.fail("exclusive", "give only one of " + names, second_given);
             break;
         case RuleKind::kOneOf:
             if (given == 0) reader.fail("missing", "give one of " + names);
@@ -235,8 +235,9 @@ ModelRecipe<R> make_recipe(const MaterialDescription& description, const Texture
             recipe = make_model_recipe<M, R>(reader, description, textures, tables);
     });
     if (recipe.model.index() == 0)
-        reader.fail("unknown_material", "no material type '" + description.type + "'; known are " +
-                                            model_names(), "type");
+        reader.fail("unknown_material",
+                    "no material type '" + description.type + "'; known are " + model_names(),
+                    "type");
     return recipe;
 }
 

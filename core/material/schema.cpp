@@ -25,11 +25,16 @@ std::string model_names() {
 
 std::string_view param_kind_name(ParamKind kind) {
     switch (kind) {
-        case ParamKind::kScalar: return "scalar";
-        case ParamKind::kColor: return "color";
-        case ParamKind::kBool: return "bool";
-        case ParamKind::kEnum: return "enum";
-        case ParamKind::kMetal: return "metal";
+        case ParamKind::kScalar:
+            return "scalar";
+        case ParamKind::kColor:
+            return "color";
+        case ParamKind::kBool:
+            return "bool";
+        case ParamKind::kEnum:
+            return "enum";
+        case ParamKind::kMetal:
+            return "metal";
     }
     return "";
 }

@@ -16,9 +16,10 @@ struct FresnelTerm {
 
     static FresnelTerm schlick(const Spectrum<R>& F0) { return {Kind::kSchlick, F0, {}}; }
 
-    /// `tint` scales Schlick's value at cos = 1/7, near 82 degrees (Hoffman 2019, Kutz et al. 2021).
+    /// `tint` scales Schlick's value at cos = 1/7, near 82 degrees (Hoffman 2019, Kutz et al.
+    /// 2021).
     static FresnelTerm f82(const Spectrum<R>& F0, const Spectrum<R>& tint) {
-        constexpr R kInverse = R(17.6513846021947873800);          // 7 (7/6)^6
+        constexpr R kInverse = R(17.6513846021947873800);       // 7 (7/6)^6
         constexpr R kSchlickAt82 = R(0.462664366037960373654);  // (6/7)^5
         FresnelTerm f{Kind::kF82, F0, {}};
         for (int i = 0; i < kActiveLanes; ++i)
@@ -38,10 +39,14 @@ struct FresnelTerm {
 
     Spectrum<R> operator()(R cos_theta) const {
         switch (kind) {
-            case Kind::kSchlick: return fresnel_schlick(cos_theta, a);
-            case Kind::kF82: return combine(terms(cos_theta));
-            case Kind::kDielectric: return dielectric_reflectance(cos_theta);
-            case Kind::kConductor: return fresnel_conductor(cos_theta, a, b);
+            case Kind::kSchlick:
+                return fresnel_schlick(cos_theta, a);
+            case Kind::kF82:
+                return combine(terms(cos_theta));
+            case Kind::kDielectric:
+                return dielectric_reflectance(cos_theta);
+            case Kind::kConductor:
+                return fresnel_conductor(cos_theta, a, b);
         }
         return {};
     }

@@ -141,8 +141,7 @@ struct Microfacet {
 
     /// Density of the reflected direction over D(h) for sample_for_reflection: pdf_i = D * this.
     R reflection_pdf_over_D(Vec3<R> o, Vec3<R> h) const {
-        if (masking == Masking::kVCavity)
-            return std::min(R(0.25) / o.z, R(0.5) * h.z / dot(o, h));
+        if (masking == Masking::kVCavity) return std::min(R(0.25) / o.z, R(0.5) * h.z / dot(o, h));
         return R(0.25) / bounded_sigma(o);
     }
 
@@ -187,12 +186,12 @@ struct Microfacet {
         // The cap reaches from z = 1 down to z = -bottom; 1 - z, 1 + z and z + v.z are written
         // without differences of close numbers.
         const R bottom = k * v.z;
-        const R below = u2 * (R(1) + bottom);            // 1 - z
-        const R above = (R(1) - u2) * (R(1) + bottom);   // z + bottom
+        const R below = u2 * (R(1) + bottom);           // 1 - z
+        const R above = (R(1) - u2) * (R(1) + bottom);  // z + bottom
         const R r = safe_sqrt(below * (above + (R(1) - bottom)));
         const R phi = kTwoPi<R> * u1;
-        return unstretch({r * std::cos(phi) + v.x, r * std::sin(phi) + v.y,
-                          above + v.z * (R(1) - k)});
+        return unstretch(
+            {r * std::cos(phi) + v.x, r * std::sin(phi) + v.y, above + v.z * (R(1) - k)});
     }
 
     Vec3<R> sample_beckmann(Vec3<R> o, R u1, R u2) const {
@@ -214,8 +213,8 @@ struct Microfacet {
         const R tail = R(1) - u.z;
         const R r = std::sqrt(distribution == Distribution::kGgx ? u.z / tail : -std::log(tail));
         const R phi = kTwoPi<R> * u.y;
-        const Vec3<R> h = normalize(
-            Vec3<R>{alpha_x * r * std::cos(phi), alpha_y * r * std::sin(phi), R(1)});
+        const Vec3<R> h =
+            normalize(Vec3<R>{alpha_x * r * std::cos(phi), alpha_y * r * std::sin(phi), R(1)});
         const Vec3<R> mirrored{-h.x, -h.y, h.z};
         const R seen = std::max(dot(o, h), R(0));
         const R seen_mirrored = std::max(dot(o, mirrored), R(0));

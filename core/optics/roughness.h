@@ -7,8 +7,8 @@
 
 namespace matiere {
 
-/// Below this alpha a lobe is a delta: D(0)^2 = 1 / (pi alpha^2)^2, which the power heuristic squares,
-/// leaves float near grazing. One rule for sample, eval and pdf.
+/// Below this alpha a lobe is a delta: D(0)^2 = 1 / (pi alpha^2)^2, which the power heuristic
+/// squares, leaves float near grazing. One rule for sample, eval and pdf.
 inline constexpr double kDeltaAlpha = 3e-6;
 
 /// `roughness` of JSON is perceptually even: alpha is its square (Burley 2012).

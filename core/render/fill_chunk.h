@@ -37,8 +37,9 @@ std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index, CropO
         if (cancel.cancelled()) return std::nullopt;
         for (int x = 0; x < chunk.width(); ++x)
             for (std::uint64_t s = chunk.s0; s < chunk.s1; ++s) {
-                const PathResult p = sample(origin.x + chunk.x0 + x, origin.y + chunk.y0 + y,
-                                            std::uint32_t(s % replicates), s / replicates, counters);
+                const PathResult p =
+                    sample(origin.x + chunk.x0 + x, origin.y + chunk.y0 + y,
+                           std::uint32_t(s % replicates), s / replicates, counters);
                 film.add(x, y, s,
                          {double(p.L[0]), double(p.L[1]), double(p.L[2]), double(p.alpha)});
             }

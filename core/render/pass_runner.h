@@ -1,5 +1,6 @@
 // The threads of the pass loop. They live for one render; each takes the next chunk in plan order
-// and folds it into the film. Within a pass a tile occurs once, so the fold order per tile is fixed.
+// and folds it into the film. Within a pass a tile occurs once, so the fold order per tile is
+// fixed.
 #pragma once
 
 #include <condition_variable>

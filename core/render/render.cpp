@@ -89,12 +89,9 @@ class Loop {
     }
 
     Progress progress() const {
-        return {now_.spp,
-                spp_limit(film_.plan(), stop_),
-                now_.elapsed_s,
-                seconds_left(film_.plan(), stop_, now_),
-                now_.error_spp,
-                outcome_.error};
+        return {now_.spp,       spp_limit(film_.plan(), stop_),
+                now_.elapsed_s, seconds_left(film_.plan(), stop_, now_),
+                now_.error_spp, outcome_.error};
     }
 
     const Stop& stop_;

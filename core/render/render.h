@@ -27,8 +27,8 @@ struct Progress {
     std::uint64_t spp = 0;
     std::uint64_t spp_limit = 0;
     double elapsed_s = 0.0;
-    double seconds_left = -1.0;  ///< negative = not known
-    std::uint64_t error_spp = 0; ///< spp of the estimate below; 0 = no look yet
+    double seconds_left = -1.0;   ///< negative = not known
+    std::uint64_t error_spp = 0;  ///< spp of the estimate below; 0 = no look yet
     ErrorEstimate error;
 };
 
@@ -42,10 +42,10 @@ struct RenderHooks {
 struct RenderOutcome {
     std::string_view reason;  ///< spp, cap, seconds, target_error, callback or cancelled
     int threads = 0;
-    double wall_s = 0.0;      ///< of this call
-    double pass_s = 0.0;      ///< of its last pass
-    ErrorEstimate error;      ///< of the film at the end
-    PassLog log;              ///< looks of this call
+    double wall_s = 0.0;  ///< of this call
+    double pass_s = 0.0;  ///< of its last pass
+    ErrorEstimate error;  ///< of the film at the end
+    PassLog log;          ///< looks of this call
 };
 
 /// Threads this process may use (its affinity mask).

@@ -10,11 +10,11 @@ std::optional<ChunkFilm> render_chunk(const Scene& scene, const Settings& settin
     const PathIntegrator integrator(scene, settings);
     const auto& crop = scene.film().crop;
     const CropOrigin origin = crop ? CropOrigin{(*crop)[0], (*crop)[1]} : CropOrigin{};
-    return fill_chunk(plan, index, origin, cancel,
-                      [&](int x, int y, std::uint32_t replicate, std::uint64_t sample,
-                          Counters& counters) {
-                          return integrator.sample(x, y, replicate, sample, counters);
-                      });
+    return fill_chunk(
+        plan, index, origin, cancel,
+        [&](int x, int y, std::uint32_t replicate, std::uint64_t sample, Counters& counters) {
+            return integrator.sample(x, y, replicate, sample, counters);
+        });
 }
 
 }  // namespace matiere

@@ -15,9 +15,9 @@ using Settings = PathSettings;
 
 /// Whichever comes first ends the render; zero = not asked for.
 struct Stop {
-    std::uint64_t spp = 0;    ///< rounded up to a boundary of the plan; absent = Plan::kMaxSpp
-    double seconds = 0.0;     ///< wall time of this call
-    double relmse = 0.0;      ///< reached when the upper end of the 95 % interval is below it
+    std::uint64_t spp = 0;  ///< rounded up to a boundary of the plan; absent = Plan::kMaxSpp
+    double seconds = 0.0;   ///< wall time of this call
+    double relmse = 0.0;    ///< reached when the upper end of the 95 % interval is below it
 };
 
 }  // namespace matiere

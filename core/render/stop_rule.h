@@ -19,18 +19,18 @@ inline constexpr int kLooksPerOctave = 2;
 inline constexpr int kTargetLooksPerOctave = 8;
 
 struct RenderState {
-    std::uint64_t spp = 0;      ///< samples every pixel has
-    double elapsed_s = 0.0;     ///< since the start of this call
-    double s_per_spp = 0.0;     ///< of this call; 0 = not measured yet
+    std::uint64_t spp = 0;        ///< samples every pixel has
+    double elapsed_s = 0.0;       ///< since the start of this call
+    double s_per_spp = 0.0;       ///< of this call; 0 = not measured yet
     std::uint64_t error_spp = 0;  ///< spp of the newest look at the error; 0 = none
     bool error_known = false;
-    double upper = 0.0;         ///< upper end of the relMSE interval at that look
+    double upper = 0.0;  ///< upper end of the relMSE interval at that look
 };
 
 struct Step {
     bool go_on = false;
-    std::uint64_t next_spp = 0;   ///< boundary to render to if go_on
-    std::string_view reason;      ///< why it stops: spp, cap, seconds or target_error
+    std::uint64_t next_spp = 0;  ///< boundary to render to if go_on
+    std::string_view reason;     ///< why it stops: spp, cap, seconds or target_error
 };
 
 /// True if the error is to be estimated and logged at this boundary.

@@ -21,9 +21,9 @@ inline std::optional<SyntheticKind> synthetic_kind(std::string_view name) {
     return std::nullopt;
 }
 
-/// Every kind but `zero` has the mean synthetic_mean(x, y) in red, half of it in green, a quarter in
-/// blue. `spread` is the relative standard deviation of a sample; for `rare`, one sample in
-/// 1 + spread^2 carries everything.
+/// Every kind but `zero` has the mean synthetic_mean(x, y) in red, half of it in green, a quarter
+/// in blue. `spread` is the relative standard deviation of a sample; for `rare`, one sample in 1 +
+/// spread^2 carries everything.
 struct Synthetic {
     SyntheticKind kind = SyntheticKind::kUniform;
     std::uint64_t seed = 0;

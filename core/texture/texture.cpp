@@ -17,8 +17,8 @@ ImageTexture::ImageTexture(int width, int height, std::vector<float> rgb, Wrap w
                            const std::string& pointer)
     : width_(width), height_(height), texels_(std::move(rgb)), wrap_(wrap) {
     if (width < 1 || height < 1 || texels_.size() != std::size_t(width) * std::size_t(height) * 3)
-        throw SceneError("bad_texture", "a texture needs height x width x 3 values, at least one pixel",
-                         pointer);
+        throw SceneError("bad_texture",
+                         "a texture needs height x width x 3 values, at least one pixel", pointer);
     for (const float v : texels_)
         if (!std::isfinite(v))
             throw SceneError("bad_texture", "the texture holds NaN or infinite values", pointer);

@@ -13,7 +13,8 @@ namespace matiere {
 template <class R>
 struct Conductor {
     static constexpr std::string_view kName = "conductor";
-    static constexpr std::string_view kDoc = "Metal with complex index of refraction, smooth or rough.";
+    static constexpr std::string_view kDoc =
+        "Metal with complex index of refraction, smooth or rough.";
     static constexpr std::string_view kSource =
         "Torrance & Sparrow 1967; Walter et al. 2007; Heitz & d'Eon 2014; Heitz 2014";
     static constexpr std::uint32_t kFeatures =
@@ -23,10 +24,11 @@ struct Conductor {
         Value<Spectrum<R>> eta, k;
 
         static constexpr auto table() {
-            return join(std::array{metal<Params, R>("metal", "Symbol of a metal, for example Au."),
-                                   color("eta", &Params::eta, "Index of refraction.").range(0, 1000),
-                                   color("k", &Params::k, "Extinction coefficient.").range(0, 1000)},
-                        AlphaParams<R>::template rows<Params>());
+            return join(
+                std::array{metal<Params, R>("metal", "Symbol of a metal, for example Au."),
+                           color("eta", &Params::eta, "Index of refraction.").range(0, 1000),
+                           color("k", &Params::k, "Extinction coefficient.").range(0, 1000)},
+                AlphaParams<R>::template rows<Params>());
         }
         static constexpr auto rules() {
             return join(std::array{one_of("metal", "eta"), exclusive("metal", "eta"),

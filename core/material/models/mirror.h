@@ -13,7 +13,8 @@ template <class R>
 struct Mirror {
     static constexpr std::string_view kName = "mirror";
     static constexpr std::string_view kDoc = "Ideal mirror with Fresnel reflectance.";
-    static constexpr std::string_view kSource = "Schlick 1994, eq. 15; Cook & Torrance 1982, sec. 5";
+    static constexpr std::string_view kSource =
+        "Schlick 1994, eq. 15; Cook & Torrance 1982, sec. 5";
     static constexpr std::uint32_t kFeatures = kFeatureReflection | kFeatureDelta;
 
     enum Fresnel { kSchlick, kExact };
@@ -25,11 +26,14 @@ struct Mirror {
 
         static constexpr auto table() {
             return std::array{
-                color("F0", &Params::F0, "Reflectance at normal incidence.").range(0, 1).initially(1),
+                color("F0", &Params::F0, "Reflectance at normal incidence.")
+                    .range(0, 1)
+                    .initially(1),
                 color("eta", &Params::eta, "Index of refraction; F0 = ((eta-1)/(eta+1))^2.")
                     .above(0, 1000),
-                choice<Params, R>("fresnel", &Params::fresnel, kFresnelNames,
-                       "Rise towards grazing; by default schlick with F0, exact with eta.")};
+                choice<Params, R>(
+                    "fresnel", &Params::fresnel, kFresnelNames,
+                    "Rise towards grazing; by default schlick with F0, exact with eta.")};
         }
         static constexpr std::array<Rule, 1> rules() { return {exclusive("F0", "eta")}; }
     };
@@ -59,8 +63,8 @@ struct Mirror {
     BsdfEval<R> eval(Vec3<R>, Vec3<R>) const { return {}; }
 
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R>) const {
-        return BsdfSample<R>{{-wo.x, -wo.y, wo.z}, reflectance(wo.z), R(1),
-                             kSpecular | kReflection};
+        return BsdfSample<R>{
+            {-wo.x, -wo.y, wo.z}, reflectance(wo.z), R(1), kSpecular | kReflection};
     }
 };
 

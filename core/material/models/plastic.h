@@ -14,7 +14,8 @@ namespace matiere {
 template <class R>
 struct Plastic {
     static constexpr std::string_view kName = "plastic";
-    static constexpr std::string_view kDoc = "Smooth or rough dielectric surface over a diffuse body.";
+    static constexpr std::string_view kDoc =
+        "Smooth or rough dielectric surface over a diffuse body.";
     static constexpr std::string_view kSource =
         "Weidlich & Wilkie 2007 with internal reflection; Kulla & Conty 2017; Walter et al. 2007";
     static constexpr std::uint32_t kFeatures =
@@ -26,16 +27,15 @@ struct Plastic {
         CoatTables<R> tables;
 
         static constexpr auto table() {
-            return join(
-                std::array{color("albedo", &Params::albedo,
-                                 "Share of light the body reflects at each scattering.")
-                               .range(0, 1)
-                               .initially(0.5),
-                           scalar("eta", &Params::eta, "Index of refraction of the body.")
-                               .range(1, 1000)
-                               .initially(1.5)
-                               .constant_only()},
-                AlphaParams<R>::template rows<Params>());
+            return join(std::array{color("albedo", &Params::albedo,
+                                         "Share of light the body reflects at each scattering.")
+                                       .range(0, 1)
+                                       .initially(0.5),
+                                   scalar("eta", &Params::eta, "Index of refraction of the body.")
+                                       .range(1, 1000)
+                                       .initially(1.5)
+                                       .constant_only()},
+                        AlphaParams<R>::template rows<Params>());
         }
         static constexpr auto rules() { return AlphaParams<R>::rules(); }
         FresnelTerm<R> fresnel() const { return FresnelTerm<R>::dielectric(Spectrum<R>(eta.v)); }
