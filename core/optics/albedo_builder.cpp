@@ -99,14 +99,17 @@ AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows,
                                     const FacetReflectance& reflectance) {
     AlbedoTable<double> table;
     table.average.resize(rows.size());
-    for (const AlbedoRow& row : rows)
+    for (const AlbedoRow& row : rows) {
+        table.scale.push_back(AlbedoTable<double>::cosine_scale(row.width()));
+        const int r = int(table.scale.size()) - 1;
         for (int i = 0; i < AlbedoTable<double>::kNodes; ++i) {
             // Grazing itself is a limit: taken just above it.
-            const double mu = std::max(AlbedoTable<double>::node_cosine(i), 1e-9);
+            const double mu = std::max(table.node_cosine(r, i), 1e-9);
             const double s = std::sqrt((1.0 - mu) * (1.0 + mu));
             const Vec3d wo{s * std::cos(row.azimuth), s * std::sin(row.azimuth), mu};
             table.E.push_back(directional_albedo(row.surface, wo, reflectance));
         }
+    }
     for (int r = 0; r < table.rows(); ++r) {
         const double t = table.rows() > 1 ? double(r) / (table.rows() - 1) : 0.0;
         table.average[std::size_t(r)] =

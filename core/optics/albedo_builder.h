@@ -1,6 +1,7 @@
 // Fills tables of directional albedo by quadrature, in double, while materials are built.
 #pragma once
 
+#include <cmath>
 #include <functional>
 #include <span>
 
@@ -13,6 +14,11 @@ namespace matiere {
 struct AlbedoRow {
     Microfacet<double> surface;
     double azimuth = 0.0;
+
+    /// Width of the surface as seen from the azimuth.
+    double width() const {
+        return std::hypot(surface.alpha_x * std::cos(azimuth), surface.alpha_y * std::sin(azimuth));
+    }
 };
 
 /// Reflectance of a facet as a function of the cosine with its normal; three lanes.

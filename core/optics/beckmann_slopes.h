@@ -24,7 +24,7 @@ inline R erf_inv(R y) {
     for (int i = 0; i < kSteps; ++i) {
         // d/dx erfc = -2/sqrt(pi) exp(-x^2); Halley's correction has the factor x.
         const R step = (std::erfc(x) - tail) * (R(0.886226925452758013649) * std::exp(x * x));
-        x += step / (R(1) + x * step);
+        x += step / (R(1) - x * step);
     }
     return std::copysign(x, y);
 }
@@ -54,7 +54,7 @@ inline R sample_beckmann_slope(R cot, R u) {
             low = x;
         const R density = (cot - x) * std::exp(-x * x);
         R next = x - error / density;
-        if (!(next > low && next < high)) next = R(0.5) * (low + high);
+        if (!(next >= low && next <= high)) next = R(0.5) * (low + high);
         const R moved = std::abs(next - x);
         x = next;
         if (moved <= kTolerance * (R(1) + std::abs(x))) break;

@@ -12,8 +12,18 @@
 
 namespace matiere {
 
+/// A stretched coordinate on [0, 1]: linear below `scale`, logarithmic above.
+template <class R>
+inline R stretched(R x, R scale) {
+    return std::log1p(x / scale) / std::log1p(R(1) / scale);
+}
+template <class R>
+inline R unstretched(R t, R scale) {
+    return scale * std::expm1(t * std::log1p(R(1) / scale));
+}
+
 /// Directional albedo over (cos theta, one more axis), three lanes: RGB, or three terms that a
-/// model combines. Nodes are uniform in sqrt(cos theta), dense towards grazing; cubic in between.
+/// model combines. Nodes in cos theta are stretched: grazing masking has the scale of alpha.
 /// The second axis t in [0, 1] is whatever the model varies (alpha of a texture, azimuth).
 template <class R>
 struct AlbedoTable {
@@ -21,18 +31,26 @@ struct AlbedoTable {
 
     std::vector<Spectrum<R>> E;        ///< [row][node]
     std::vector<Spectrum<R>> average;  ///< [row]: 2 * integral of E(mu) mu dmu
+    std::vector<R> scale;              ///< [row]: of the stretched cosine
+
+    /// Scale of the cosine for a surface of width alpha.
+    static R cosine_scale(R alpha) {
+        return alpha > R(0) ? std::clamp(R(0.5) * alpha, R(1e-6), R(0.02)) : R(0.02);
+    }
 
     int rows() const { return int(average.size()); }
+    R node_cosine(int row, int i) const {
+        return std::min(unstretched(R(i) / R(kNodes - 1), scale[std::size_t(row)]), R(1));
+    }
 
     template <class To>
     AlbedoTable<To> cast() const {
         AlbedoTable<To> t;
         for (const auto& e : E) t.E.push_back(spectrum_cast<To>(e));
         for (const auto& a : average) t.average.push_back(spectrum_cast<To>(a));
+        for (const R s : scale) t.scale.push_back(To(s));
         return t;
     }
-
-    static R node_cosine(int i) { return sqr(R(i) / R(kNodes - 1)); }
 
     Spectrum<R> lookup(R cos_theta, R t = R(0)) const {
         if (rows() == 1) return row_value(0, cos_theta);
@@ -55,7 +73,8 @@ struct AlbedoTable {
 
     /// Cubic through four nodes (Catmull-Rom inside, one-sided at the ends).
     Spectrum<R> row_value(int row, R cos_theta) const {
-        const R x = std::sqrt(std::clamp(cos_theta, R(0), R(1))) * R(kNodes - 1);
+        const R mu = std::clamp(cos_theta, R(0), R(1));
+        const R x = std::min(stretched(mu, scale[std::size_t(row)]), R(1)) * R(kNodes - 1);
         const int i = std::min(int(x), kNodes - 2);
         const R w = x - R(i);
         const Spectrum<R>* e = &E[std::size_t(row) * kNodes];

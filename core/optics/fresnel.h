@@ -51,7 +51,10 @@ inline FresnelTerms<R> fresnel_dielectric(R cos_theta_i, R eta) {
     // (eta^2 + 1) c^2 - 1 in double too: it vanishes at Brewster's angle.
     const R brewster = R((double(eta) * double(eta) + 1.0) * double(c) * double(c) - 1.0);
     const R r_p = R(e) / p_den * (brewster / p_den);
-    return {R(0.5) * (r_s * r_s + r_p * r_p), dielectric_transmittance(c, g, eta), g / eta};
+    const R T = dielectric_transmittance(c, g, eta);
+    // The smaller of the two carries the digits, and together they make 1.
+    if (T < R(0.5)) return {R(1) - T, T, g / eta};
+    return {R(0.5) * (r_s * r_s + r_p * r_p), T, g / eta};
 }
 
 /// Reflectance of a metal of complex index eta + i k, relative to the incident medium.

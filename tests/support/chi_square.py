@@ -161,9 +161,7 @@ def draw(bsdf: Any, wo: Floats, n: int, seed: int) -> Any:
     return bsdf.sample(wo, u)
 
 
-def run(
-    bsdf: Any, wo: Floats, n: int = 40_000, seed: int = 1, *, fine: bool = False
-) -> Outcome:
+def run(bsdf: Any, wo: Floats, n: int = 40_000, seed: int = 1, *, fine: bool = False) -> Outcome:
     """Sample, integrate, compare. The last class of the chi-square is "rejected".
 
     `fine` is for lobes that are thin and slanting, which rectangles fit badly.

@@ -136,10 +136,10 @@ struct Dielectric {
     }
 
     BsdfEval<R> eval_transmission(Vec3<R> wo, Vec3<R> wi) const {
-        // In double: for indices near 1 the sum nearly vanishes, and at the critical angle the
-        // cosines do.
-        const Vec3d o = vec_cast<double>(wo);
-        const Vec3d i = vec_cast<double>(wi);
+        // In double and to exact unit length: for indices near 1 the sum nearly vanishes, and at
+        // the critical angle the cosines do.
+        const Vec3d o = normalize(vec_cast<double>(wo));
+        const Vec3d i = normalize(vec_cast<double>(wi));
         const Vec3d sum = o + i * double(eta);
         const Vec3d unit = normalize(eta > R(1) ? -sum : sum);
         const double cos_o = dot(o, unit);
