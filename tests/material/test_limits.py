@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from extremes import ALPHAS, ETAS, direction
 from material_cases import GOLD
+
 from matiere import _core
 
 SPECULAR, REFLECTION, TRANSMISSION = 4, 8, 16

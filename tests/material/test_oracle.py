@@ -9,8 +9,9 @@ import oracle
 import pytest
 from extremes import ALPHAS
 from material_cases import GOLD
-from matiere import _core
 from mpmath import mpf
+
+from matiere import _core
 
 DISTRIBUTIONS = ("ggx", "beckmann")
 MASKINGS = ("smith", "smith_separable", "v_cavity")

@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import Any
 
 import pytest
+
 from matiere import _core
 
 ROWS = {row["type"]: row for row in _core.materials()}

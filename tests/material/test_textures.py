@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from matiere import _core
 
 POINT = {"n_g": (0.0, 0.0, 1.0), "n_s": (0.0, 0.0, 1.0)}

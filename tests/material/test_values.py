@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from extremes import direction
 from material_cases import GOLD
+
 from matiere import _core
 
 PRECISIONS = ("float", "double")

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+
 from matiere import _core
 
 UP = (0.0, 0.0, 1.0)

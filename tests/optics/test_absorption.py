@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from extremes import OPTICAL_DEPTHS
+
 from matiere import _core
 
 transmittance = _core.probe.beer_lambert_float

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from matiere import _core
 
 GGX, BECKMANN = 0, 1

@@ -6,9 +6,10 @@ import numpy as np
 import oracle
 import pytest
 from extremes import ALPHAS
-from matiere import _core
 from mpmath import mpf
 from scipy import special
+
+from matiere import _core
 
 probe = _core.probe
 DISTRIBUTIONS = ("ggx", "beckmann")

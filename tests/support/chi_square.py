@@ -1,5 +1,8 @@
-"""Does `sample` draw from `pdf`? Cells follow the samples of an independent pilot run, so that lobes
-of any width and slant fill them evenly; expected counts come from adaptive quadrature of the pdf."""
+"""Does `sample` draw from `pdf`?
+
+Cells follow the samples of an independent pilot run, so that lobes of any width and slant fill them
+evenly; expected counts come from adaptive quadrature of the pdf.
+"""
 
 from __future__ import annotations
 

@@ -1,5 +1,7 @@
-"""Models written down a second time, straight from their papers, in 50 digits (mpmath). They take the
-engine's own float inputs; directions are normalised here."""
+"""Models written down a second time, straight from their papers, in 50 digits (mpmath).
+
+They take the engine's own float inputs; directions are normalised here.
+"""
 
 from __future__ import annotations
 
