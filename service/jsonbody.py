@@ -10,7 +10,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Callable, Coroutine, Iterator
+from collections.abc import Callable, Coroutine, Iterable
 from typing import Any
 
 from fastapi.routing import APIRoute
@@ -65,11 +65,14 @@ def loads(body: bytes) -> Any:
     if too_deep(body):
         raise _depth_problem(text)
     suspicious = _SURROGATE_ESCAPE.search(body) is not None
+    refused: list[_Refused] = []
 
     def refuse(code: str, message: str) -> _Refused:
         nonlocal suspicious
         suspicious = True
-        return _Refused(code, message)
+        if len(refused) < MAX_ERRORS:  # a million of them share the last one
+            refused.append(_Refused(code, message))
+        return refused[-1]
 
     def on_float(token: str) -> float | _Refused:
         value = float(token)
@@ -117,7 +120,7 @@ def loads(body: bytes) -> Any:
         ) from None
     except RecursionError:  # unbalanced brackets can hide depth from `too_deep`
         raise _depth_problem("") from None
-    if suspicious and (errors := list(_refusals(value))):
+    if suspicious and (errors := _refusals(value)):
         first = errors[0]
         raise Problem(
             "invalid_request",
@@ -137,54 +140,63 @@ def _depth_problem(text: str) -> Problem:
     )
 
 
-def _deep_place(text: str) -> tuple[str | int, ...]:
+def _deep_place(text: str) -> list[str | int]:
     """Return the path to the first value that lies too deep; empty if it cannot be parsed."""
     try:
         root = json.loads(text)
     except (ValueError, RecursionError):
-        return ()
-    stack: list[tuple[tuple[str | int, ...], Any]] = [((), root)]
-    while stack:
-        path, value = stack.pop()
-        if len(path) >= MAX_DEPTH and isinstance(value, dict | list):
-            return path
-        if isinstance(value, dict):
-            stack.extend(((*path, key), item) for key, item in reversed(value.items()))
-        elif isinstance(value, list):
-            indexed = list(enumerate(value))
-            stack.extend(((*path, index), item) for index, item in reversed(indexed))
-    return ()
+        return []
+    path: list[str | int] = []
+
+    def search(value: Any) -> bool:
+        if not isinstance(value, dict | list):
+            return False
+        if len(path) >= MAX_DEPTH:
+            return True
+        for key, item in _items(value):
+            path.append(key)
+            if search(item):
+                return True
+            path.pop()
+        return False
+
+    search(root)
+    return path
 
 
-def _refusals(root: Any) -> Iterator[dict[str, str]]:
-    """Yield one error per refused value, with its pointer, up to MAX_ERRORS."""
-    stack: list[tuple[tuple[str | int, ...], Any]] = [((), root)]
-    found = 0
+def _refusals(root: Any) -> list[dict[str, str]]:
+    """Return one error per refused value, with its pointer, up to MAX_ERRORS."""
+    found: list[dict[str, str]] = []
+    path: list[str | int] = []
 
-    def error(path: tuple[str | int, ...], code: str, message: str) -> dict[str, str]:
-        shown = _SURROGATE.sub("\N{REPLACEMENT CHARACTER}", pointer(path))
-        return {"pointer": shown, "code": code, "message": message}
+    def add(code: str, message: str, *more: str) -> None:
+        shown = _SURROGATE.sub("\N{REPLACEMENT CHARACTER}", pointer((*path, *more)))
+        found.append({"pointer": shown, "code": code, "message": message})
 
-    while stack and found < MAX_ERRORS:
-        path, value = stack.pop()
+    def visit(value: Any) -> None:
         if isinstance(value, _Refused):
-            found += 1
-            yield error(path, value.code, value.message)
+            add(value.code, value.message)
         elif isinstance(value, str):
             if _SURROGATE.search(value):
-                found += 1
-                yield error(path, "text_not_unicode", "half of a surrogate pair is no character")
-        elif isinstance(value, dict):
+                add("text_not_unicode", "half of a surrogate pair is no character")
+        elif isinstance(value, dict | list):
             if isinstance(value, _Duplicate):
-                found += 1
-                yield error((*path, value.key), "duplicate_key", "this key comes twice")
-            for key, item in value.items():
-                if _SURROGATE.search(key):
-                    found += 1
-                    yield error((*path, key), "text_not_unicode", "a key holds half a character")
-                stack.append(((*path, key), item))
-        elif isinstance(value, list):
-            stack.extend(((*path, index), item) for index, item in enumerate(value))
+                add("duplicate_key", "this key comes twice; keep one", value.key)
+            for key, item in _items(value):
+                if len(found) >= MAX_ERRORS:
+                    return
+                if isinstance(key, str) and _SURROGATE.search(key):
+                    add("text_not_unicode", "a key holds half of a surrogate pair", key)
+                path.append(key)
+                visit(item)
+                path.pop()
+
+    visit(root)  # at most MAX_DEPTH levels: `too_deep` was asked before
+    return found
+
+
+def _items(value: dict[str, Any] | list[Any]) -> Iterable[tuple[str | int, Any]]:
+    return value.items() if isinstance(value, dict) else enumerate(value)
 
 
 class _StrictRequest(Request):
