@@ -22,7 +22,7 @@ def _bad_elements(value: Any, columns: int, integer: bool) -> list[Line]:
     found: list[Line] = []
     noun = "whole numbers" if integer else "numbers"
     for row, item in enumerate(value):
-        if not isinstance(item, list | tuple | np.ndarray) or len(item) != columns:
+        if not isinstance(item, list | tuple | np.ndarray) or _length(item) != columns:
             got = shown(item)
             found.append(((row,), fault("wrong_length", f"expected {columns} {noun}, got {got}")))
         else:
@@ -36,6 +36,11 @@ def _bad_elements(value: Any, columns: int, integer: bool) -> list[Line]:
     return found
 
 
+def _length(value: Any) -> int:
+    """Return the length of a list or array, -1 for an array without dimensions."""
+    return -1 if isinstance(value, np.ndarray) and value.ndim == 0 else len(value)
+
+
 def rows(columns: int, integer: bool = False) -> Callable[[Any], Any]:
     """Return a validator for an (N, `columns`) array of finite numbers."""
     what = f"a list of {columns}-element lists of {'whole ' if integer else ''}numbers"
@@ -43,7 +48,7 @@ def rows(columns: int, integer: bool = False) -> Callable[[Any], Any]:
     def check(value: Any) -> Any:
         if not isinstance(value, list | tuple | np.ndarray):
             raise fault("wrong_type", f"expected {what}, got {shown(value)}")
-        if len(value) == 0:
+        if _length(value) == 0:
             raise fault("wrong_length", f"expected {what}, got an empty list")
         array = _as_array(value)
         wanted = "iu" if integer else "iuf"

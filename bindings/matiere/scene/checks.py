@@ -27,6 +27,7 @@ Loc = tuple[str | int, ...]
 Line = tuple[Loc, PydanticCustomError]
 
 FLOAT_MAX = 3.4028234e38  # the core calculates in single precision
+MIN_LENGTH = 1e-18  # the square of a direction must not vanish in single precision
 MAX_COORDINATE = 1e15  # metres; squares and products of it still fit single precision
 
 
@@ -214,10 +215,10 @@ def vec3(value: Any) -> tuple[float, ...]:
 
 
 def direction(value: Any) -> tuple[float, ...]:
-    """Return `value` as three floats that are not all zero."""
+    """Return `value` as three floats that are not all (next to) zero."""
     result = vec3(value)
-    if not any(result):
-        raise fault("degenerate", "a direction must not be [0, 0, 0]")
+    if max(map(abs, result)) < MIN_LENGTH:
+        raise fault("degenerate", "a direction must not be [0, 0, 0], nor as short as that")
     return result
 
 
