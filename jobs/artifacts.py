@@ -6,11 +6,13 @@ folder. Several records travel in one file (`pack`), each found by offset.
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import json
 import os
 import secrets
-from collections.abc import Iterable, Sequence
+import shutil
+from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
 
 from matiere.jobs.job import JsonDict
@@ -21,6 +23,15 @@ MAGIC = b"matiere-pack-1\n"
 class DamagedFile(Exception):
     """A stored file does not hold the bytes its name promises."""
 
+    def __init__(self, message: str, digest: str = "") -> None:
+        """Name the file, where it is known."""
+        super().__init__(message)
+        self.digest = digest
+
+
+class StorageFault(OSError):
+    """A file could not be written: the disk is full, read-only or broken. Try again later."""
+
 
 class ArtifactFolder:
     """A folder of content-addressed files."""
@@ -28,32 +39,37 @@ class ArtifactFolder:
     def __init__(self, root: str | Path) -> None:
         """Use `root`, which exists or is made on the first write."""
         self.root = Path(root)
-        self._temporary = self.root / "tmp"
+        self.temporary = self.root / "tmp"  # on the same disk, so that a rename moves nothing
 
     def path(self, digest: str) -> Path:
         """Return where the file with this SHA-256 lies."""
         return self.root / digest[:2] / digest[2:4] / digest
 
     def write(self, pieces: Iterable[bytes]) -> tuple[str, int]:
-        """Store bytes durably and return (digest, size). Raises OSError, leaving nothing."""
-        hasher, size = hashlib.sha256(), 0
-        self._temporary.mkdir(mode=0o700, parents=True, exist_ok=True)
-        temporary = self._temporary / f"{os.getpid()}-{secrets.token_hex(8)}"
+        """Store bytes durably and return (digest, size). Raises StorageFault, leaving nothing."""
+        temporary = self.temporary / f"{os.getpid()}-{secrets.token_hex(8)}"
         try:
-            with temporary.open("xb") as file:
-                for piece in pieces:
-                    hasher.update(piece)
-                    size += len(piece)
-                    file.write(piece)
-                file.flush()
-                os.fsync(file.fileno())
-            target = self.path(hasher.hexdigest())
-            _make_folders(target.parent, self.root)
-            temporary.replace(target)
-            fsync_folder(target.parent)
-        except BaseException:
-            temporary.unlink(missing_ok=True)
-            raise
+            return self._write(pieces, temporary)
+        except OSError as error:
+            raise StorageFault(error.errno, error.strerror, str(self.root)) from error
+        finally:
+            with contextlib.suppress(OSError):
+                temporary.unlink(missing_ok=True)
+
+    def _write(self, pieces: Iterable[bytes], temporary: Path) -> tuple[str, int]:
+        hasher, size = hashlib.sha256(), 0
+        self.temporary.mkdir(mode=0o700, parents=True, exist_ok=True)
+        with temporary.open("xb") as file:
+            for piece in pieces:
+                hasher.update(piece)
+                size += len(piece)
+                file.write(piece)
+            file.flush()
+            os.fsync(file.fileno())
+        target = self.path(hasher.hexdigest())
+        _make_folders(target.parent, self.root)
+        temporary.replace(target)
+        fsync_folder(target.parent)
         return hasher.hexdigest(), size
 
     def read(self, digest: str) -> bytes:
@@ -61,9 +77,10 @@ class ArtifactFolder:
         try:
             data = self.path(digest).read_bytes()
         except FileNotFoundError:
-            raise DamagedFile(f"artifact {digest} is missing") from None
+            raise DamagedFile(f"artifact {digest} is missing", digest) from None
         if hashlib.sha256(data).hexdigest() != digest:
-            raise DamagedFile(f"artifact {digest} does not hold the bytes it was stored with")
+            why = f"artifact {digest} does not hold the bytes it was stored with"
+            raise DamagedFile(why, digest)
         return data
 
     def has(self, digest: str, size: int) -> bool:
@@ -79,10 +96,20 @@ class ArtifactFolder:
 
     def remove_temporary(self) -> int:
         """Delete what unfinished writes left behind; only while no child runs."""
-        left = list(self._temporary.glob("*")) if self._temporary.is_dir() else []
-        for file in left:
-            file.unlink(missing_ok=True)
+        left = list(self.temporary.glob("*")) if self.temporary.is_dir() else []
+        for entry in left:
+            if entry.is_dir():
+                shutil.rmtree(entry, ignore_errors=True)
+            else:
+                entry.unlink(missing_ok=True)
         return len(left)
+
+    def written_before(self, moment: float) -> Iterator[str]:
+        """Yield the digests of files last written before `moment` (Unix seconds)."""
+        for file in self.root.glob("??/??/*"):
+            with contextlib.suppress(FileNotFoundError):
+                if file.stat().st_mtime < moment:
+                    yield file.name
 
 
 def _make_folders(folder: Path, root: Path) -> None:

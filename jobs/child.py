@@ -25,7 +25,7 @@ from pathlib import Path
 from typing import Any
 
 from matiere.errors import MatiereError
-from matiere.jobs.artifacts import ArtifactFolder
+from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, StorageFault
 from matiere.jobs.job import JsonDict
 
 PR_SET_PDEATHSIG = 1
@@ -151,11 +151,9 @@ def describe(error: BaseException) -> JsonDict:
     `permanent`: the request itself is wrong, trying again gives the same. `disk_full`: try again
     later. Anything else is tried again a few times.
     """
-    from matiere.jobs.merge import DamagedChunks
-
-    if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+    if is_storage_fault(error):
         return {"error": "disk_full", "message": str(error), "pointer": "", "permanent": False}
-    if isinstance(error, DamagedChunks):
+    if isinstance(error, DamagedFile):
         return {"error": "damaged_file", "message": str(error), "pointer": "",
                 "permanent": False, "digest": error.digest}  # fmt: skip
     if isinstance(error, MatiereError):
@@ -166,6 +164,19 @@ def describe(error: BaseException) -> JsonDict:
     kind = "out_of_memory" if isinstance(error, MemoryError) else "python_error"
     text = "".join(traceback.format_exception_only(error)).strip()
     return {"error": kind, "message": text, "pointer": "", "permanent": False}
+
+
+def is_storage_fault(error: BaseException | None) -> bool:
+    """Tell whether a full or broken disk lies behind an exception."""
+    while error is not None:
+        if isinstance(error, StorageFault):
+            return True
+        if isinstance(error, OSError) and error.errno in (errno.ENOSPC, errno.EDQUOT):
+            return True
+        if os.strerror(errno.ENOSPC) in str(error):  # libraries keep only the words
+            return True
+        error = error.__cause__ or error.__context__
+    return False
 
 
 def main() -> None:

@@ -131,7 +131,10 @@ class Child:
         command += ["--threads", str(o.threads), "--slots", str(o.slots)]
         command += ["--parent", str(os.getpid())]
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-        environment = {**os.environ, **single, "PYTHONSAFEPATH": "1"}
+        temporary = o.artifacts / "tmp"  # emptied at every start of the service
+        with contextlib.suppress(OSError):
+            temporary.mkdir(mode=0o700, parents=True, exist_ok=True)
+        environment = {**os.environ, **single, "PYTHONSAFEPATH": "1", "TMPDIR": str(temporary)}
         self._rotate_log()
         with self._log_path.open("ab") as output:
             self._log_start = output.tell()

@@ -20,6 +20,8 @@ from __future__ import annotations
 
 import hashlib
 import importlib
+import itertools
+import logging
 import os
 import shutil
 import threading
@@ -58,6 +60,7 @@ from matiere.jobs.store import events, files, films, jobs, views
 from matiere.jobs.store.database import Database
 from matiere.jobs.submission import Request, Submitter, body_hash
 
+log = logging.getLogger("matiere.jobs.engine")
 T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
 MEMORY_SHARE = 8  # merging holds a film up to three times
@@ -122,6 +125,9 @@ class Engine:
         self.resumed |= self._begun(module)
         self._scheduler = Scheduler(database, data, options, module)
         self._scheduler.start()
+        threading.Thread(
+            target=self._sweep_leftovers, args=(time.time(),), name="matiere-janitor", daemon=True
+        ).start()
 
     # -- life ---------------------------------------------------------------------------------
     def __enter__(self) -> Engine:
@@ -406,6 +412,17 @@ class Engine:
     def _accepting(self) -> None:
         if self._closed or self._scheduler.health.draining:
             raise Draining("the service is stopping and takes no new work; try again soon")
+
+    def _sweep_leftovers(self, started: float) -> None:
+        """Unlink files that a killed child wrote and nobody heard of."""
+        folder = self._data.artifacts
+        try:
+            old = folder.written_before(started)
+            while not self._closed and (batch := list(itertools.islice(old, 500))):
+                for digest in self._db.read(lambda c, b=batch: files.unknown(c, b)):  # type: ignore[misc]
+                    folder.remove(digest)
+        except (JobsError, OSError):
+            log.warning("could not look for left-over files", exc_info=True)
 
     def _begun(self, work: Any) -> JsonDict:
         begun = self._db.read(films.begun_films)

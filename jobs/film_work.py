@@ -39,8 +39,7 @@ class FilmWork:
         self.claimed: dict[int, int] = {}
         self.merging = False
         self.evaluated: set[str] = set()  # jobs the merger has seen at this prefix or later
-        self.seconds = 0.0
-        self.pixel_samples = 0
+        self.seconds, self.pixel_samples = row.seconds, row.pixel_samples
         self.merged_at = now
         self.last_child = ""
         self._returned: list[int] = []
@@ -201,13 +200,14 @@ class FilmWork:
         self.files = {token: blob for token, blob in self.files.items() if token in left}
         self._cursor = max(self._cursor, chunks)
 
-    def forget_file(self, digest: str) -> list[int]:
-        """Drop a damaged chunk file; return the tokens whose chunks are missing again."""
-        tokens = [token for token, blob in self.files.items() if blob.digest == digest]
-        for token in tokens:
-            lost = [i for i, t in self.done.items() if t == token]
-            for index in lost:
+    def forget_file(self, digest: str) -> dict[int, int]:
+        """Drop a damaged chunk file; return samples lost by the token that made it."""
+        lost: dict[int, int] = {}
+        for token in [t for t, blob in self.files.items() if blob.digest == digest]:
+            chunks = [i for i, t in self.done.items() if t == token]
+            for index in chunks:
                 del self.done[index]
             del self.files[token]
-            self.put_back(lost)
-        return tokens
+            self.put_back(chunks)
+            lost[token] = sum(map(self.samples, chunks))
+        return lost

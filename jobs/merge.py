@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, pack, unpack
+from matiere.jobs.artifacts import ArtifactFolder, pack, unpack
 from matiere.jobs.job import JsonDict
 
 
@@ -29,28 +29,16 @@ class ChunkSource:
         return index in self._file_of
 
     def take(self, index: int) -> tuple[memoryview, float]:
-        """Return bytes and seconds of a chunk. Raises DamagedChunks naming the file."""
+        """Return bytes and seconds of a chunk. Raises DamagedFile."""
         digest = self._file_of.pop(index)
         if digest not in self._open:
-            try:
-                self._open[digest] = unpack(self._folder.read(digest))
-            except (DamagedFile, ValueError, KeyError) as error:
-                raise DamagedChunks(digest, str(error)) from error
+            self._open[digest] = unpack(self._folder.read(digest))
         header, records = self._open[digest]
         place = header["chunks"].index(index)
         self._left[digest] -= 1
         if self._left[digest] == 0:
             del self._open[digest]
         return records[place], header["seconds"][place]
-
-
-class DamagedChunks(Exception):
-    """A chunk file cannot be used and has to be rendered again."""
-
-    def __init__(self, digest: str, why: str) -> None:
-        """Name the file."""
-        super().__init__(why)
-        self.digest = digest
 
 
 class Prefix:

@@ -80,7 +80,7 @@ def expand(base: Mapping[str, Any], axes: Sequence[Axis], mode: str) -> Iterator
                 set_value(scene, pointer, copy.deepcopy(axis.values[i]))
             parameters[axis.label] = axis.values[i]
             texts.append(axis.labels[i])
-        yield Cell(index, scene, parameters, ", ".join(texts), tuple(place))
+        yield Cell(index, scene, parameters, ", ".join(filter(None, texts)), tuple(place))
 
 
 def guess_columns(axes: Sequence[Axis], mode: str, cells: int) -> int:

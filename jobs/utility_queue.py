@@ -128,7 +128,8 @@ class UtilityQueue:
         elif body["error"] == "disk_full":
             self._requeue(task)
             self._scheduler.pause_for_disk(body["message"])
-        elif body["error"] == "damaged_file" and task.kind == MERGE:
+        elif body["error"] == "damaged_file" and task.kind != SHEET:
+            self._finish(task)
             self._render_again(task, body)
         elif body["permanent"]:
             self._give_up(task, JobError(body["error"], body["message"], body["pointer"]))
@@ -208,19 +209,24 @@ class UtilityQueue:
         return True
 
     def _render_again(self, task: Task, body: JsonDict) -> None:
-        s = self._scheduler
-        film = s.films.get(int(task.key))
-        self._finish(task)
-        if film is None:
-            return
-        film.merging = False
-        owned = {token: [i for i, t in film.done.items() if t == token] for token in film.files}
-        for token in film.forget_file(body["digest"]):
-            lost = sum(film.samples(i) for i in owned[token])
-            s.db.write(lambda c, t=token, n=lost: films.discard_file(c, film.id, t, n))  # type: ignore[misc]
-        log.warning("film %d: %s; rendering those chunks again", film.id, body["message"])
+        """Forget a damaged file; what it held is rendered again."""
+        s, digest = self._scheduler, body["digest"]
+        log.warning("%s; rendering what it held again", body["message"])
         s.health.counters["files_damaged"] += 1
+        if task.kind == IMAGES:
+            film_id = s.db.read(lambda c: films.film_of(c, str(task.key)))
+        else:
+            film_id = int(task.key)
+        film = s.films.get(film_id)
+        if film is not None and (tokens := film.forget_file(digest)):
+            film.merging = False
+            for token, samples in tokens.items():
+                s.db.write(lambda c, t=token, n=samples: films.discard_file(c, film_id, t, n))  # type: ignore[misc]
+        else:
+            s.db.write(lambda c: films.discard_prefix(c, film_id))
+            s.films.pop(film_id, None)  # read anew, with the jobs that wait again
         s.garbage()
+        s.wake()
 
     # -- images ---------------------------------------------------------------------------------
     def _images_request(self, job_id: str) -> JsonDict | None:

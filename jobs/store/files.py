@@ -8,7 +8,7 @@ the row is dropped. `pending_deletions` at start repeats what a crash cut.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import sqlalchemy as sa
@@ -88,6 +88,14 @@ def forget_deleted(c: Connection, digests: Iterable[str]) -> None:
             artifact.c.digest.in_(list(digests)), artifact.c.state == "deleting"
         )
     )
+
+
+def unknown(c: Connection, digests: Sequence[str]) -> list[str]:
+    """Return those digests that no row knows: left by a child that was killed before its report."""
+    known = set(
+        c.execute(sa.select(artifact.c.digest).where(artifact.c.digest.in_(digests))).scalars()
+    )
+    return [digest for digest in digests if digest not in known]
 
 
 def references_of(c: Connection, owner: str, owner_ids: Iterable[str]) -> dict[str, list[str]]:

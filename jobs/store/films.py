@@ -50,6 +50,8 @@ class FilmRow:
     prefix: Blob | None
     prefix_chunks: int
     prefix_spp: int
+    seconds: float  # of all accepted chunks
+    pixel_samples: int
     done: dict[int, int]  # chunk index -> token of the attempt that made it
     files: dict[int, Blob]  # token -> artifact
     tries: dict[int, int]
@@ -153,6 +155,8 @@ def load_film(c: Connection, film_id: int) -> FilmRow:
         prefix=find_reference(c, ("film", film_id), "prefix"),
         prefix_chunks=r.prefix_chunks,
         prefix_spp=r.prefix_spp,
+        seconds=r.seconds,
+        pixel_samples=r.pixel_samples,
         done=done,
         files={token: Blob(digest, size) for token, digest, size in files},
         tries={k.idx: k.tries for k in chunks if k.tries},
@@ -264,6 +268,28 @@ def discard_file(c: Connection, film_id: int, token: int, pixel_samples: int) ->
         .values(pixel_samples=film.c.pixel_samples - pixel_samples)
     )
     drop_reference(c, ("attempt", token))
+
+
+def film_of(c: Connection, job_id: str) -> int:
+    """Return the film of a job."""
+    return int(c.execute(sa.select(job.c.film_id).where(job.c.id == job_id)).scalar_one())
+
+
+def discard_prefix(c: Connection, film_id: int) -> None:
+    """Forget a damaged prefix: the film starts again, and jobs that ended on it wait again."""
+    drop_reference(c, ("film", film_id), "prefix")
+    fresh = {"prefix_chunks": 0, "prefix_spp": 0, "pixel_samples": 0, "seconds": 0.0}
+    c.execute(sa.update(film).where(film.c.id == film_id).values(fresh))
+    done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
+    for token in c.execute(done.values(state="lost").returning(attempt.c.id)).scalars().all():
+        drop_reference(c, ("attempt", token))
+    running = (attempt.c.film_id == film_id) & (attempt.c.state == "running")
+    c.execute(sa.update(attempt).where(running).values(state="void"))
+    c.execute(sa.delete(chunk).where(chunk.c.film_id == film_id))
+    again = (job.c.film_id == film_id) & job.c.state.in_(LIVE) & job.c.ended_spp.is_not(None)
+    for job_id in c.execute(sa.select(job.c.id).where(again)).scalars().all():
+        drop_reference(c, ("job", job_id), "film")
+    c.execute(sa.update(job).where(again).values(ended_spp=None, stop_reason=None))
 
 
 # -- merging ----------------------------------------------------------------------------------

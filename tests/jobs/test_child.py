@@ -67,3 +67,30 @@ def test_a_child_ends_in_the_middle_of_a_render(tmp_path: Path) -> None:
         os.close(control)
         assert child.wait(5) == 0
         assert reports.read() == b""
+
+
+def test_exceptions_are_sorted_into_classes() -> None:
+    from matiere.errors import ImageError, RenderError
+    from matiere.jobs.artifacts import DamagedFile, StorageFault
+    from matiere.jobs.child import describe
+
+    def kind(error: BaseException) -> tuple[str, bool]:
+        found = describe(error)
+        return found["error"], found["permanent"]
+
+    def wrapped() -> BaseException:
+        try:
+            try:
+                raise OSError(28, "No space left on device")
+            except OSError as error:
+                raise ImageError(f"cannot write: {error.strerror}") from None
+        except ImageError as error:
+            return error
+
+    assert kind(StorageFault(30, "Read-only file system")) == ("disk_full", False)
+    assert kind(wrapped()) == ("disk_full", False)
+    assert kind(ImageError("libpng: No space left on device")) == ("disk_full", False)
+    assert kind(DamagedFile("gone", "ab")) == ("damaged_file", False)
+    assert kind(RenderError("bad")) == ("render_error", True)
+    assert kind(MemoryError()) == ("out_of_memory", False)
+    assert kind(RuntimeError("x")) == ("python_error", False)

@@ -174,6 +174,47 @@ def test_a_damaged_chunk_file_is_rendered_again_and_never_used(engine: Engine) -
         assert report_of(fresh, quiet.id)["sums"] == report_of(engine, job.id)["sums"]
 
 
+def test_a_damaged_prefix_is_rendered_again_and_never_used(engine: Engine) -> None:
+    first = run(engine, SCENE, stop={"spp": 16})
+    prefix = max(
+        (p for p in (engine.data_dir / "artifacts").glob("??/??/*")), key=lambda p: p.stat().st_size
+    )
+    prefix.write_bytes(b"x" * prefix.stat().st_size)
+    finer = run(engine, SCENE, stop={"spp": 32})
+    assert (finer.state, finer.spp) == ("succeeded", 32)
+    again = run(engine, SCENE, stop={"spp": 16}, label="again")
+    assert engine.artifact(again.id, "image.png") == engine.artifact(first.id, "image.png")
+    assert engine.status()["counters"]["files_damaged"] == 1
+    with open_engine(engine.data_dir.parent / "other", children=1, **FAKE) as fresh:
+        quiet = run(fresh, SCENE, stop={"spp": 32})
+        assert report_of(fresh, quiet.id)["sums"] == report_of(engine, finer.id)["sums"]
+
+
+def test_a_damaged_film_is_rendered_again_before_it_is_shown(engine: Engine) -> None:
+    run(engine, SCENE, stop={"spp": 16})
+    prefix = max(
+        (p for p in (engine.data_dir / "artifacts").glob("??/??/*")), key=lambda p: p.stat().st_size
+    )
+    prefix.unlink()
+    shown = run(engine, SCENE | {"output": {"exposure": 1}}, stop={"spp": 16})
+    assert (shown.state, shown.spp) == ("succeeded", 16)
+    assert report_of(engine, shown.id)["max_count"] == 16
+
+
+def test_files_nobody_heard_of_are_removed_at_the_next_start(tmp_path: Path) -> None:
+    with open_engine(tmp_path, children=1, **FAKE) as engine:
+        job = run(engine, SCENE)
+        digest, _ = engine._data.artifacts.write([b"written just before the kill"])
+        (tmp_path / "artifacts" / "tmp" / "half").write_bytes(b"x")
+        kept = Path(engine.artifact(job.id, "image.png").path)
+    time.sleep(0.05)
+    with open_engine(tmp_path, children=1, **FAKE) as engine:
+        left = engine._data.artifacts.path(digest)
+        wait_until(lambda: not left.exists())
+        assert kept.exists()
+        assert list((tmp_path / "artifacts" / "tmp").glob("*")) == []
+
+
 # -- requests -----------------------------------------------------------------------------------
 def test_a_bad_scene_is_refused_and_leaves_nothing(engine: Engine) -> None:
     with pytest.raises(SceneValidationError) as caught:

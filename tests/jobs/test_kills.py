@@ -15,6 +15,7 @@ import pytest
 from conftest_jobs import FAKE, SCENE, Service, alive, children_of, report_of, wait_until
 
 from matiere.jobs import open_engine
+from matiere.jobs.errors import DiskFull
 
 SLOW = SCENE | {"chunk_s": 0.005, "render": {"spp": 24}}  # 12 tiles x 5 ranges = 60 chunks
 CELLS = 24
@@ -47,6 +48,7 @@ def quiet(tmp_path_factory: pytest.TempPathFactory) -> dict[int | None, str]:
             return hashes(engine)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("children", "threads"), [(1, 2), (2, 1)])
 def test_the_bits_depend_neither_on_processes_nor_threads(
     quiet: dict[int | None, str], tmp_path: Path, children: int, threads: int
@@ -58,6 +60,7 @@ def test_the_bits_depend_neither_on_processes_nor_threads(
         assert hashes(engine) == quiet
 
 
+@pytest.mark.slow
 def test_killed_children_lose_nothing(quiet: dict[int | None, str], tmp_path: Path) -> None:
     chance = random.Random(1)
     with open_engine(tmp_path, children=2, **FAKE) as engine:
@@ -109,6 +112,7 @@ def test_a_killed_service_resumes_where_chunks_are_missing(tmp_path: Path) -> No
         assert after == [report_of(engine, job.id)["sums"] for job in jobs]
 
 
+@pytest.mark.slow
 def test_a_service_killed_again_and_again_ends_with_the_same_bits(
     quiet: dict[int | None, str], tmp_path: Path
 ) -> None:
@@ -199,11 +203,22 @@ def test_a_full_disk_delays_jobs_and_loses_none(small_disk: Path) -> None:
         assert not state.final
         assert not readiness.ready
         assert engine.get_job(done.id).state == "succeeded", "reads go on"
+        with pytest.raises(DiskFull, match="free space"):
+            for i in range(1000):
+                engine.submit_job(SCENE | {"value": 100.0 + i, "note": "x" * 5000}, priority=0)
+        accepted = len(engine.list_jobs(limit=2000))
         ballast.unlink()
         job = engine.wait_job(job.id, 30)
         assert job.state == "succeeded"
         assert report_of(engine, job.id)["min_count"] == 24
         wait_until(lambda: engine.readiness().ready)
+        print(f"{accepted} jobs were accepted before the database was full")
+        for job in engine.list_jobs(limit=2000):
+            engine.cancel_job(job.id)
+        assert len(engine.list_jobs(limit=2000)) == accepted, "refused ones left nothing"
+        assert (
+            engine.wait_job(engine.submit_job(SCENE | {"value": 9.0}).id, 30).state == "succeeded"
+        )
 
 
 def fill(path: Path) -> None:

@@ -9,7 +9,7 @@ import pytest
 
 from matiere.errors import SceneValidationError
 from matiere.jobs import sweep
-from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, pack, unpack
+from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, StorageFault, pack, unpack
 from matiere.jobs.errors import IllegalTransition
 from matiere.jobs.job import JobState, check_transition
 
@@ -129,7 +129,7 @@ def test_an_artifact_appears_whole_or_not_at_all(tmp_path: Path) -> None:
         yield b"x"
         raise OSError(28, "No space left on device")
 
-    with pytest.raises(OSError, match="No space"):
+    with pytest.raises(StorageFault, match="No space"):
         folder.write(breaks())
     assert [p for p in tmp_path.rglob("*") if p.is_file()] == [folder.path(digest)]
 
