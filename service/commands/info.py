@@ -36,6 +36,7 @@ def gather() -> dict[str, Any]:
     return {
         **core_info(),
         "threads": _core.available_threads(),
+        "replicates": _core.DEFAULT_REPLICATES,
         "materials": [row["type"] for row in materials()],
         "python": platform.python_version(),
         **{name: _version(name) for name in PACKAGES},

@@ -258,6 +258,25 @@ def test_truncated_files_never_crash(tmp_path: Path) -> None:
                 continue
 
 
+@pytest.mark.filterwarnings("ignore")  # numpy warns of numbers that came out odd
+def test_damaged_files_never_crash() -> None:
+    rng = np.random.default_rng(7)
+    extra = "".join(f"property float {n}\n" for n in ("nx", "ny", "nz", "u", "v"))
+    ply = ply_text(extra, "{0} {1} {2} 0 0 1 {0} {1}", "3 0 1 2\n3 1 3 2\n")
+    whole = {"a.glb": two_primitive_glb(), "a.obj": OBJ.encode(), "a.ply": ply}
+    for name, data in whole.items():
+        for _ in range(150):
+            damaged = np.frombuffer(data, np.uint8).copy()
+            spots = rng.integers(len(damaged), size=int(rng.integers(1, 6)))
+            damaged[spots] = rng.integers(256, size=len(spots))
+            try:
+                parts = read_parts(name, damaged.tobytes())
+            except MeshFileError:
+                continue
+            for part in parts:
+                assert part.triangles.max(initial=0) < max(len(part.positions), 1)
+
+
 def test_wrong_names_list_those_present(tmp_path: Path) -> None:
     scene = mesh_scene(
         tmp_path, "a.glb", two_primitive_glb(), materials={"Shel": "ball", "Left": "floor"}

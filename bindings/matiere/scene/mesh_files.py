@@ -66,8 +66,10 @@ def _part(raw: Mapping[str, Any], names: tuple[str, ...], material: str | None) 
         raise MeshFileError("a triangle refers to a vertex that does not exist")
     if not np.isfinite(positions[np.unique(triangles)]).all():
         raise MeshFileError("a vertex position is NaN or infinite")
-    normals = _rows(raw.get("vertex_normals"), len(positions), 3)
     uv = _rows(getattr(raw.get("visual"), "uv", None), len(positions), 2)
+    if uv is not None and not np.isfinite(uv).all():
+        raise MeshFileError("a texture coordinate is NaN or infinite")
+    normals = _rows(raw.get("vertex_normals"), len(positions), 3)
     return Part(positions, triangles, normals, uv, names, material)
 
 
