@@ -48,6 +48,10 @@ def render(
     asset_root: Annotated[
         Path | None, typer.Option(help="Folder of the scene's files (default: its own).")
     ] = None,
+    memory_limit: Annotated[
+        float | None,
+        typer.Option(help="Memory the film may take, GiB (default: half of the free)."),
+    ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")] = False,
 ) -> None:
     """Render a scene and write it with its error bar.
@@ -62,10 +66,18 @@ def render(
         shown = _view(loaded, view, display, exposure)
         files = _outputs(loaded, scene, output, (film, report))
         stop = _stop(loaded, spp, seconds, target_error)
+        if not quiet:
+            typer.echo(_film_line(loaded), err=True)
         old = mt.load_film(resume) if resume is not None else None
         with _progress(quiet) as callback:
             done = mt.render(
-                loaded, **stop, seed=seed, threads=threads, film=old, callback=callback
+                loaded,
+                **stop,
+                seed=seed,
+                threads=threads,
+                film=old,
+                callback=callback,
+                memory_limit=None if memory_limit is None else int(memory_limit * 2**30),
             )
         for path in files:
             _write(path, done, loaded, shown)
@@ -248,10 +260,38 @@ def _line_printer() -> Callable[[Progress], None]:
 def _summary(done: Film, loaded: Scene, files: list[Path]) -> None:
     report = done.report
     for note in loaded.notes:
-        typer.echo(f"note: {note['pointer']}: {note['message']}", err=True)
-    typer.echo(
-        f"{done.spp} spp in {report.get('wall_s', 0.0):.1f} s, {_error_text(report.get('error'))}; "
-        f"stopped by {report.get('reason', 'spp')}"
-    )
+        place = f"{note['pointer']}: " if note["pointer"] else ""
+        typer.echo(f"note: {place}{note['message']}", err=True)
+    for warning in report["warnings"]:
+        typer.echo(f"warning: {warning}", err=True)
+    typer.echo(f"{done.spp} spp in {report['wall_s']:.1f} s; {report['reason_text']}")
+    if report["spp_note"]:
+        typer.echo(report["spp_note"])
+    typer.echo(_error_line(report["error"]))
     for path in files:
         typer.echo(f"wrote {path}")
+
+
+def _error_line(error: Mapping[str, Any]) -> str:
+    """Return the error bar in words; m is the luminance below which errors count absolutely."""
+    share = f"{100 * error['unknown_share']:.3g} % of pixels"
+    if error["relmse"] is None:
+        return f"error unknown (no evidence in {share})"
+    interval = f"[{error['lower']:.3g}, {error['upper']:.3g}]"
+    return (
+        f"relMSE {error['relmse']:.3g}, 95 % interval {interval}; RMSE {error['rmse']:.3g}; "
+        f"m {error['log_average']:.3g}; unknown: {share}"
+    )
+
+
+def _film_line(loaded: Scene) -> str:
+    """Return what the film will hold, before anything is allocated."""
+    from matiere import chunks
+    from matiere.render import film_bytes
+
+    width, height = chunks.size(loaded.model)
+    need = film_bytes(loaded)
+    return (
+        f"film {width} x {height}, {need['bytes_per_pixel']} bytes per pixel, "
+        f"{need['bytes'] / 2**20:.1f} MiB"
+    )

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import pty
+import re
 import signal
 import subprocess
 import sys
@@ -48,7 +49,18 @@ def test_render_writes_everything_asked_for(tmp_path: Path) -> None:
     )  # fmt: skip
     assert done.returncode == 0, done.stderr
     assert names(tmp_path) == ["a.exr", "a.mfilm", "a.png", "report.json", "scene.json"]
-    assert "16 spp" in done.stdout and "relMSE" in done.stdout and "wrote a.png" in done.stdout
+    lines = done.stdout.splitlines()
+    assert re.fullmatch(
+        r"16 spp in [\d.]+ s; the samples per pixel asked for were reached", lines[0]
+    )
+    number = r"[\d.e-]+"
+    bar = (
+        rf"relMSE ({number}), 95 % interval \[({number}), ({number})\]; RMSE {number}; m {number}; "
+    )
+    match = re.match(bar + r"unknown: [\d.]+ % of pixels$", lines[1])
+    assert match and float(match[2]) < float(match[1]) < float(match[3])
+    assert lines[2:] == [f"wrote {name}" for name in ("a.png", "a.exr", "a.mfilm", "report.json")]
+    assert re.search(r"film 16 x 16, \d+ bytes per pixel, 0\.\d MiB", done.stderr)
     report = json.loads((tmp_path / "report.json").read_text())
     assert (report["spp"], report["seeds"], report["reason"]) == (16, [5], "spp")
     film = mt.load_film(tmp_path / "a.mfilm")
@@ -102,8 +114,28 @@ def test_bad_requests_fail_before_the_render(
     write_scene(tmp_path)
     done = run("render", "scene.json", *arguments, cwd=tmp_path)
     assert done.returncode == 2, done
-    assert words in done.stderr, done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert words in done.stderr.splitlines()[-1], done.stderr
+    assert "Traceback" not in done.stderr
+    assert names(tmp_path) == ["scene.json"]
+
+
+def test_rounded_samples_and_warnings_are_told(tmp_path: Path) -> None:
+    write_scene(tmp_path, lights=[], environment=None)
+    done = run("render", "scene.json", "-o", "a.png", "--spp", "10", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "note: the scene has no light" in done.stderr
+    assert "warning: the error is unknown" in done.stderr
+    assert "rounded up to 16" in done.stdout
+    assert "error unknown (no evidence in 100 % of pixels)" in done.stdout
+
+
+def test_film_beyond_the_memory_is_refused(tmp_path: Path) -> None:
+    write_scene(tmp_path, film={"width": 16384, "height": 16384})
+    done = run("render", "scene.json", "-o", "a.png", "--memory-limit", "2", cwd=tmp_path)
+    assert done.returncode == 2
+    film, refusal = done.stderr.splitlines()
+    assert film.startswith("film 16384 x 16384, ") and "bytes per pixel" in film
+    assert refusal.startswith("scene.json: /film: ") and "MiB" in refusal
     assert names(tmp_path) == ["scene.json"]
 
 
@@ -123,8 +155,8 @@ def start_long_render(folder: Path, **kwargs: Any) -> subprocess.Popen[bytes]:
 def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
     process = start_long_render(tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
     assert process.stderr is not None
-    first = process.stderr.readline()  # progress: the render runs
-    assert b"spp" in first
+    assert b"bytes per pixel" in process.stderr.readline()
+    assert b"spp" in process.stderr.readline()  # progress: the render runs
     started = time.monotonic()
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)

@@ -20,7 +20,7 @@ from matiere.scene.assets import AssetRoot
 from matiere.scene.camera import PinholeCamera, ThinLensCamera
 from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
 from matiere.scene.materials import MaterialModel, TextureRef
-from matiere.scene.meshes import PlacedMesh, clean, load_mesh
+from matiere.scene.meshes import Files, PlacedMesh, clean, load_mesh
 from matiere.scene.model import SceneModel
 from matiere.scene.shapes import MeshShape, SphereShape
 from matiere.scene.textures import load_environment, load_texture
@@ -112,11 +112,12 @@ def scene_center(model: SceneModel, meshes: list[PlacedMesh]) -> Vector:
 
 def _read_meshes(model: SceneModel, assets: AssetRoot, work: _Work) -> list[tuple[int, PlacedMesh]]:
     found: list[tuple[int, PlacedMesh]] = []
+    files: Files = {}
     for index, shape in enumerate(model.shapes):
         if not isinstance(shape, MeshShape):
             continue
         with _collected(pointer("shapes", index), work):
-            found += [(index, mesh) for mesh in load_mesh(shape, assets)]
+            found += [(index, mesh) for mesh in load_mesh(shape, assets, files)]
     return found
 
 

@@ -37,14 +37,17 @@ class MeshCounts:
     repaired_normals: int = 0
 
 
-def load_mesh(shape: MeshShape, assets: AssetRoot) -> list[PlacedMesh]:
+Files = dict[str, list[Part]]  # what was read already: shapes may share a file
+
+
+def load_mesh(shape: MeshShape, assets: AssetRoot, files: Files) -> list[PlacedMesh]:
     """Return the shape's pieces; raise SceneValidationError (pointers below the shape)."""
     matrix = compose(shape.transform)
     if singular(matrix):
         why = "the transform flattens the mesh: its matrix cannot be inverted"
         raise SceneValidationError([Fault("/transform", "degenerate", why)])
     placed = []
-    for part, material in _assigned(_parts(shape, assets), shape):
+    for part, material in _assigned(_parts(shape, assets, files), shape):
         positions = apply_points(matrix, part.positions)
         if not bool((np.abs(positions) <= MAX_COORDINATE).all()):
             why = f"a vertex lies further than {MAX_COORDINATE:g} m from the origin"
@@ -55,13 +58,15 @@ def load_mesh(shape: MeshShape, assets: AssetRoot) -> list[PlacedMesh]:
     return placed
 
 
-def _parts(shape: MeshShape, assets: AssetRoot) -> list[Part]:
+def _parts(shape: MeshShape, assets: AssetRoot, files: Files) -> list[Part]:
     if shape.file is None:
         assert shape.positions is not None and shape.triangles is not None
         return [Part(shape.positions, shape.triangles, shape.normals, shape.uv, (), None)]
     with pointed("/file"):
         try:
-            return read_parts(shape.file, assets.read(shape.file))
+            if shape.file not in files:
+                files[shape.file] = read_parts(shape.file, assets.read(shape.file))
+            return files[shape.file]
         except MeshFileError as error:
             why = f"{shape.file!r}: {error}"
             raise SceneValidationError([Fault("", "asset_unreadable", why)]) from None
