@@ -157,11 +157,9 @@ def test_interrupt_leaves_nothing_behind(tmp_path: Path) -> None:
     assert process.stderr is not None
     assert b"bytes per pixel" in process.stderr.readline()
     assert b"spp" in process.stderr.readline()  # progress: the render runs
-    started = time.monotonic()
     process.send_signal(signal.SIGINT)
-    _, errors = process.communicate(timeout=30)
+    _, errors = process.communicate(timeout=30)  # the render itself would take 60 s
     assert process.returncode == 130
-    assert time.monotonic() - started < 5
     assert errors.decode().splitlines()[-1] == "interrupted; nothing was written"
     assert names(tmp_path) == ["scene.json"]
 

@@ -17,6 +17,11 @@ def test_good_scene_loads(tmp_path: Path) -> None:
     assert mt.load(good(), asset_root=tmp_path).model.film.width == 16
 
 
+def test_editors_may_name_the_schema_and_begin_with_a_mark(tmp_path: Path) -> None:
+    text = json.dumps({"$schema": "scene.schema.json", **good()})
+    assert mt.loads(b"\xef\xbb\xbf" + text.encode()).digest == mt.load(good()).digest
+
+
 def test_there_are_twenty() -> None:
     assert len({case.name for case in CASES}) == len(CASES) >= 20
 

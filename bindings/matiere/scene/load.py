@@ -57,8 +57,9 @@ def check(raw: Any, assets: AssetRoot) -> Scene:
     if not isinstance(plain, Mapping):
         raise SceneValidationError([Fault("", "wrong_type", "a scene is a JSON object: {...}")])
     model = None
+    content = {key: value for key, value in plain.items() if key != "$schema"}  # for editors
     try:
-        model = SceneModel.model_validate(plain)
+        model = SceneModel.model_validate(content)
     except ValidationError as error:
         found += [_fault(dict(line)) for line in error.errors(include_url=False)]
     found += references.faults(plain, assets)

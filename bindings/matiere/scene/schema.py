@@ -27,6 +27,7 @@ def schema() -> dict[str, Any]:
         "discriminator": {"propertyName": "type", "mapping": dict(names)},
     }
     made["properties"]["materials"]["additionalProperties"] = {"$ref": "#/$defs/Material"}
+    made["properties"]["$schema"] = {"type": "string", "description": "for editors; not read"}
     made["$defs"] = dict(sorted(definitions.items()))
     return {"$schema": DIALECT, "title": "matiere scene, version 1", **made}
 
