@@ -14,10 +14,9 @@ import csv
 import json
 import os
 import re
-from collections.abc import Iterable
 from pathlib import Path
 
-from matiere.service.client import Client, JobStatus
+from matiere.service.client import Client, JobStatus, SweepStatus
 
 STATE_FILE = ".matiere-sweep.json"
 STATE_VERSION = 1
@@ -30,7 +29,7 @@ CELL_FILES = {
 }
 MAX_CURVES = 200  # beyond that a plot is a black patch
 _OURS = re.compile(r"(cells/)?[A-Za-z0-9+_-][A-Za-z0-9.+_-]*")  # what we may remove again
-_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9.+-]+")
+_NOT_IN_A_NAME = re.compile(r"[^A-Za-z0-9_.+-]+")
 
 
 class OutputFolder:
@@ -86,9 +85,8 @@ class OutputFolder:
 
     def names(self, job: JobStatus) -> list[str]:
         """Return the file names of a cell, relative to the folder."""
-        values = "_".join(_slug(value) for value in job.parameters.values())
-        stem = f"{job.cell:04}" + (f"_{values}" if values else "")
-        return [f"cells/{stem[:100]}{ending}" for ending in CELL_FILES]
+        stem = f"{job.cell:04}_{_slug(job.label)}".rstrip("_")
+        return [f"cells/{stem}{ending}" for ending in CELL_FILES]
 
     def fetch(self, client: Client, job: JobStatus) -> None:
         """Write the files of a finished cell."""
@@ -99,15 +97,14 @@ class OutputFolder:
         self._fetched[str(job.cell)] = job.id
         self.save_state()
 
-    def finish(self, client: Client, jobs: list[JobStatus]) -> list[Path]:
+    def finish(self, client: Client, sweep: SweepStatus, jobs: list[JobStatus]) -> list[Path]:
         """Write contact sheet, table and plot; return the paths worth printing."""
-        assert self.sweep_id is not None
-        self.write_table(jobs)
+        self.write_table(sweep, jobs)
         written = [self.folder / "table.csv"]
         done = [job for job in jobs if job.state == "succeeded"]
         if done:
             sheet = self.folder / "contact-sheet.png"
-            client.fetch_contact_sheet(self.sweep_id, sheet)
+            client.fetch_contact_sheet(sweep.id, sheet)
             self._note(sheet.name)
             written.insert(0, sheet)
             self.write_plot(done)
@@ -116,10 +113,14 @@ class OutputFolder:
         self.save_state()
         return [*written, self.folder / "cells"]
 
-    def write_table(self, jobs: Iterable[JobStatus]) -> None:
+    def write_table(self, sweep: SweepStatus, rows: list[JobStatus]) -> None:
         """Write one CSV row per cell."""
-        rows = list(jobs)
         labels = list(dict.fromkeys(label for job in rows for label in job.parameters))
+        texts = {
+            (axis["label"], _key(value)): text
+            for axis in sweep.axes
+            for value, text in zip(axis["values"], axis["labels"], strict=True)
+        }
         part = self.folder / f".table.{os.getpid()}.part"
         with part.open("w", newline="", encoding="utf-8") as file:
             table = csv.writer(file, lineterminator="\n")
@@ -129,7 +130,7 @@ class OutputFolder:
             )  # fmt: skip
             for job in rows:
                 low, high = job.relmse_interval or ("", "")
-                values = [_text(job.parameters.get(label, "")) for label in labels]
+                values = [_cell_text(texts, label, job.parameters.get(label)) for label in labels]
                 error = job.error["message"] if job.error else ""
                 table.writerow(
                     [job.cell, *values, job.state, job.spp, f"{job.seconds:.3f}",
@@ -146,8 +147,7 @@ class OutputFolder:
         curves = []
         for job in jobs[:MAX_CURVES]:
             report = json.loads((self.folder / self.names(job)[2]).read_text(encoding="utf-8"))
-            name = ", ".join(_text(value) for value in job.parameters.values())
-            curves.append((name or str(job.cell), report["log"]))
+            curves.append((job.label or str(job.cell), report["log"]))
         with contextlib.suppress(ValueError):  # no cell knows its error: nothing to draw
             self._write(PLOT, error_plot(curves, "error against render time"))
 
@@ -167,13 +167,18 @@ def _last(kind: str) -> str:
     return {"report.json": "report", "error.svg": "error-plot.svg"}.get(kind, kind)
 
 
-def _slug(value: object) -> str:
-    return _NOT_IN_A_NAME.sub("-", _text(value)).strip("-.")[:40]
+def _slug(text: str) -> str:
+    return _NOT_IN_A_NAME.sub("-", text.replace(", ", "_")).strip("-.")[:80]
 
 
-def _text(value: object) -> str:
-    if isinstance(value, str):
-        return value
-    if isinstance(value, float):
-        return f"{value:.6g}"
-    return json.dumps(value, separators=(",", ":"))
+def _key(value: object) -> str:
+    return json.dumps(value, sort_keys=True)
+
+
+def _cell_text(texts: dict[tuple[str, str], str], label: str, value: object) -> str:
+    """Return a parameter for the table: numbers and names in full, the rest by their label."""
+    if value is None or isinstance(value, str):
+        return value or ""
+    if isinstance(value, bool | int | float):
+        return json.dumps(value)
+    return texts.get((label, _key(value)), _key(value))

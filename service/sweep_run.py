@@ -55,11 +55,11 @@ def run_sweep(
         where = "this process" if own else client.url
         typer.echo(f"{sweep.label}: {status.cells} cells, rendered by {where}", err=True)
         try:
-            jobs = _follow(client, folder, status, sweep.label)
+            status, jobs = _follow(client, folder, status, sweep.label)
         except KeyboardInterrupt:
             typer.echo(_farewell(client, status, own), err=True)
             raise typer.Exit(130) from None
-        for path in folder.finish(client, jobs):
+        for path in folder.finish(client, status, jobs):
             typer.echo(f"wrote {path}")
     failed = [job for job in jobs if job.state != "succeeded"]
     for job in failed[:SHOWN_FAILURES]:
@@ -150,8 +150,8 @@ def _attach(client: Client, folder: OutputFolder, sweep: LoadedSweep) -> SweepSt
 
 def _follow(
     client: Client, folder: OutputFolder, status: SweepStatus, label: str
-) -> list[JobStatus]:
-    """Show progress and fetch each cell as it ends; return all cells."""
+) -> tuple[SweepStatus, list[JobStatus]]:
+    """Show progress and fetch each cell as it ends; return the sweep and all its cells."""
     remaining = Remaining()
     with live(label) as show:
         while True:
@@ -168,7 +168,7 @@ def _follow(
             left = None if status.ended else remaining.seconds(share)
             show(share, 1.0, _line(status, jobs, left))
             if status.ended:
-                return jobs
+                return status, jobs
             time.sleep(POLL_S)
 
 

@@ -186,12 +186,17 @@ class FakeEngine(Engine):
             raise SceneValidationError([Fault("/axes/0/pointer", "pointer", "no such value")])
         sweep_id = f"019bbbbb-0000-7000-8000-{len(self.sweeps):012d}"
         for index, value in enumerate(axes[0].get("values", [])):
-            self._keep(label, priority, {}, sweep_id=sweep_id, cell=index, parameters={"x": value})
+            self._keep(
+                str(value), priority, {}, sweep_id=sweep_id, cell=index, parameters={"x": value}
+            )
         self.sweeps[sweep_id] = Sweep(
             id=sweep_id,
             label=label,
             mode=mode,
-            axes=[dict(axis) for axis in axes],
+            axes=[
+                {"label": "x", "labels": [str(v) for v in axis.get("values", [])], **axis}
+                for axis in axes
+            ],
             cells=len(axes[0].get("values", [])),
             counts={},
             created=time.time(),

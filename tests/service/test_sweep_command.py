@@ -130,6 +130,20 @@ def test_failed_cells_are_told_and_tried_again(
     assert {row["state"] for row in rows(out)} == {"succeeded"}
 
 
+def test_whole_materials_are_named_by_their_label(
+    capsys: pytest.CaptureFixture[str], engine: FakeEngine, url: str, sweep_file: Path
+) -> None:
+    finish_soon(engine)
+    document = json.loads(sweep_file.read_text())
+    values = [{"type": "conductor", "metal": "Au"}, {"type": "lambert"}]
+    document["axes"] = [{"pointer": "/materials/a", "values": values, "labels": ["gold", "grey"]}]
+    sweep_file.write_text(json.dumps(document))
+    out = sweep_file.parent / "out"
+    code, _, err = run(capsys, "sweep", sweep_file, "-o", out, "--url", url)
+    assert code == 0, err
+    assert [row["x"] for row in rows(out)] == ["gold", "grey"]
+
+
 def test_a_sweep_file_in_the_output_folder_stays(
     capsys: pytest.CaptureFixture[str], engine: FakeEngine, url: str, sweep_file: Path
 ) -> None:
