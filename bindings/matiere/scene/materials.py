@@ -234,9 +234,11 @@ def _field(row: Mapping[str, Any]) -> tuple[Any, Any]:
 
 def rule_lines(row: Mapping[str, Any], given: Set[str]) -> Iterable[Line]:
     """Yield the faults of parameters that must, or must not, be given together."""
+    clashing: set[str] = set()  # one contradiction is told once
     for names in row.get("exclusive", ()):
         used = [n for n in names if n in given]
         if len(used) > 1:
+            clashing.update(used[1:])
             said = " and ".join(map(repr, used))
             why = f"{said} say the same thing; give one of {', '.join(map(repr, names))}"
             yield (used[1],), fault("exclusive_keys", why)
@@ -244,12 +246,12 @@ def rule_lines(row: Mapping[str, Any], given: Set[str]) -> Iterable[Line]:
         if given.isdisjoint(names):
             yield (), fault("missing_key", f"needs one of {', '.join(map(repr, names))}")
     for names in row.get("together", ()):
-        used = [n for n in names if n in given]
+        used = [n for n in names if n in given and n not in clashing]
         for name in names:
             if used and name not in given:
                 yield (name,), fault("missing_key", f"{used[0]!r} is given, so {name!r} is needed")
     for name, other in row.get("requires", ()):
-        if name in given and other not in given:
+        if name in given and name not in clashing and other not in given:
             yield (other,), fault("missing_key", f"{name!r} is given, so {other!r} is needed too")
 
 
