@@ -222,3 +222,16 @@ def test_shared_files_stay_while_anyone_refers_to_them(db: Database) -> None:
     assert db.read(files.pending_deletions) == [blob(1).digest]
     db.write(lambda c: files.add_reference(c, ("job", "z"), "image.png", blob(1)))
     assert db.read(files.pending_deletions) == [], "wanted again before it was unlinked"
+
+
+def test_the_tables_are_legal_on_postgresql_too() -> None:
+    from sqlalchemy.dialects import postgresql
+    from sqlalchemy.schema import CreateIndex, CreateTable
+
+    dialect = postgresql.dialect()
+    for table in tables.metadata.sorted_tables:
+        text = str(CreateTable(table).compile(dialect=dialect))
+        assert "AUTOINCREMENT" not in text
+        for index in table.indexes:
+            str(CreateIndex(index).compile(dialect=dialect))
+    assert "BIGSERIAL" in str(CreateTable(tables.event).compile(dialect=dialect))
