@@ -87,6 +87,17 @@ def displays(config: str = DEFAULT_CONFIG) -> dict[str, list[str]]:
     return {str(d): [str(v) for v in loaded.getViews(d)] for d in loaded.getDisplays()}
 
 
+def display_space(config: str, display: str, view: str) -> str:
+    """Return the Color Interop Forum ID of a view's pixels, "unknown" if the config has none."""
+    loaded = _config(config)
+    _view_space(loaded, display, view)
+    name = loaded.getDisplayViewColorSpaceName(display, view)
+    space = loaded.getColorSpace(display if name == "<USE_DISPLAY_NAME>" else name)
+    if space is not None and space.getInteropID():
+        return str(space.getInteropID())
+    return "srgb_rec709_display" if display.startswith("sRGB") else "unknown"
+
+
 @lru_cache(maxsize=8)
 def _config(name: str) -> Any:
     import PyOpenColorIO as ocio

@@ -160,6 +160,7 @@ class Stored:
     pixels: NDArray[Any]
     channels: Sequence[str]
     metadata: Mapping[str, str | int | float | tuple[float, ...]]
+    color_space: str = ""  # Color Interop Forum ID; empty: linear Rec.709 in EXR, else sRGB
 
 
 def write_stored(path: str | os.PathLike[str], stored: Stored, pixel_type: str) -> None:
@@ -240,7 +241,8 @@ def _describe(spec: Any, stored: Stored, suffix: str) -> None:
         spec.attribute("jpeg:subsampling", "4:4:4")
     elif suffix == ".exr":
         spec.attribute("compression", "zip")
-        spec.attribute("oiio:ColorSpace", "lin_rec709_scene")
+    usual = LINEAR_REC709 if suffix in (".exr", ".hdr") else SRGB_DISPLAY
+    spec.attribute("oiio:ColorSpace", stored.color_space or usual)
     if suffix in (".jpg", ".jpeg"):  # JPEG has one free text and no named attributes
         lines = [f"{key}={value}" for key, value in stored.metadata.items()]
         spec.attribute("ImageDescription", "; ".join(lines))
@@ -261,6 +263,8 @@ def _reason(what: str, why: str) -> str:
 
 # Films and arrays -> files
 
+LINEAR_REC709 = "lin_rec709_scene"
+SRGB_DISPLAY = "srgb_rec709_display"
 _DEPTHS = {".png": (8, 16), ".jpg": (8,), ".jpeg": (8,), ".exr": (32, 16)}
 _TYPES = {8: "uint8", 16: "uint16"}
 _FLOATS = {16: "half", 32: "float"}
@@ -294,9 +298,11 @@ def write_image(
     is_film = not isinstance(film, np.ndarray)
     asked = view is not None or display is not None or config is not None
     notes: dict[str, str | int | float] = film_metadata(film) if is_film else {}
+    space = ""
     if asked or (is_film and suffix != ".exr"):
         shown = _shown(config, display, view, exposure)
-        pixels: NDArray[Any] = _develop(film, shown)
+        pixels: NDArray[Any]
+        pixels, space = _develop(film, shown)
         notes |= {f"matiere:{key}": value for key, value in shown.items()}
     else:
         pixels = scene_linear(film) * np.float32(2.0**exposure)
@@ -305,13 +311,13 @@ def write_image(
     if suffix != ".exr":
         if suffix != ".png":
             pixels, names = pixels[:, :, :3], names[:3]
-        write_stored(path, Stored(quantise(pixels, depth), names, notes), _TYPES[depth])
+        write_stored(path, Stored(quantise(pixels, depth), names, notes, space), _TYPES[depth])
         return
     if not isinstance(film, np.ndarray) and not asked:
         error = np.asarray(film.standard_error, np.float32) * np.float32(2.0**exposure)
         pixels = np.concatenate([pixels, error], axis=2)
         names += [f"standard_error.{c}" for c in "RGB"]
-    write_stored(path, Stored(pixels.astype(np.float32), names, notes), _FLOATS[depth])
+    write_stored(path, Stored(pixels.astype(np.float32), names, notes, space), _FLOATS[depth])
 
 
 def _depth(suffix: str, bit_depth: int | None) -> int:
@@ -341,10 +347,11 @@ def _shown(
     }
 
 
-def _develop(film: Any, shown: Mapping[str, Any]) -> Image:
-    from matiere.develop import develop
+def _develop(film: Any, shown: Mapping[str, Any]) -> tuple[Image, str]:
+    from matiere.develop import develop, display_space
 
-    return develop(film, **shown)
+    pixels = develop(film, **shown)
+    return pixels, display_space(shown["config"], shown["display"], shown["view"])
 
 
 def scene_linear(film: Film | NDArray[Any]) -> Image:

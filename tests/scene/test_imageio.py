@@ -94,6 +94,38 @@ def test_arrays_are_written_as_they_are(tmp_path: Path) -> None:
     assert np.abs(shown - mt.develop(image, view="Un-tone-mapped")).max() <= 0.5 / 255 + 1e-6
 
 
+def png_chunks(path: Path) -> dict[bytes, bytes]:
+    data, at, found = path.read_bytes(), 8, {}
+    while at < len(data):
+        size = int.from_bytes(data[at : at + 4], "big")
+        found[data[at + 4 : at + 8]] = data[at + 8 : at + 8 + size]
+        at += 12 + size
+    return found
+
+
+def test_files_say_which_display_they_are_for(tmp_path: Path) -> None:
+    """CICP code points of ITU-T H.273: primaries 12 are P3 D65, 9 Rec.2020; transfer 13 is sRGB."""
+    film: Any = FakeFilm()
+    mt.write_image(tmp_path / "a.png", film)
+    assert b"sRGB" in png_chunks(tmp_path / "a.png")
+    p3 = {"display": "Display P3 - Display", "view": "ACES 2.0 - SDR 100 nits (P3 D65)"}
+    mt.write_image(tmp_path / "a.png", film, **p3)
+    chunks = png_chunks(tmp_path / "a.png")
+    assert b"sRGB" not in chunks and chunks[b"cICP"] == bytes([12, 13, 0, 1])
+    pq = {"display": "Rec.2100-PQ - Display", "view": "ACES 2.0 - HDR 1000 nits (Rec.2020)"}
+    mt.write_image(tmp_path / "a.png", film, bit_depth=16, **pq)
+    chunks = png_chunks(tmp_path / "a.png")
+    assert b"sRGB" not in chunks and chunks[b"cICP"] == bytes([9, 16, 0, 1])
+    mt.write_image(tmp_path / "a.exr", film)
+    assert mt.read_image(tmp_path / "a.exr").metadata["oiio:ColorSpace"] == "lin_rec709_scene"
+    mt.write_image(tmp_path / "a.exr", film, **p3)
+    shown = mt.read_image(tmp_path / "a.exr").metadata
+    assert shown["oiio:ColorSpace"] == "srgb_p3d65_display"
+    old = {"config": "cg-config-v1.0.0_aces-v1.3_ocio-v2.1", "view": "ACES 1.0 - SDR Video"}
+    mt.write_image(tmp_path / "a.png", film, display="Rec.1886 Rec.709 - Display", **old)
+    assert b"sRGB" not in png_chunks(tmp_path / "a.png")
+
+
 def test_jpeg_is_close_to_the_view(tmp_path: Path) -> None:
     y, x = np.mgrid[0:64, 0:64] / 64
     image = np.stack([x, y, 1 - x], axis=2).astype(np.float32)
