@@ -117,7 +117,7 @@ def stop(process: subprocess.Popen[bytes]) -> None:
 
 def run(client: Client, study: Study, out: Path, spp: int, console: Console) -> list[Cell]:
     """Submit one study, wait for it, fetch all its files; return its cells in order."""
-    axes = demo_sweep.axes(spp)
+    axes = demo_sweep.axes(spp, study.glass_file)
     demo_sweep.write_json(study.folder / f"{study.name}-base.json", study.base)
     shape = {"mode": "zip", "columns": COLUMNS, "label": study.title}
     document = {"version": 1, "base": f"{study.name}-base.json", "axes": axes, **shape}
@@ -131,6 +131,7 @@ def run(client: Client, study: Study, out: Path, spp: int, console: Console) -> 
         asset_root=study.folder,
     )
     jobs = watch(client, status.id, study.title, console)
+    shutil.rmtree(out / "cells", ignore_errors=True)
     cells = [fetch(client, job, out / "cells") for job in jobs]
     if all(cell.job.state == "succeeded" for cell in cells):
         client.fetch_contact_sheet(status.id, out / "contact-sheet.png")

@@ -28,7 +28,8 @@ MATERIALS: tuple[tuple[str, Material], ...] = (
     ("teal plastic", {"type": "plastic", "albedo": [0.02, 0.27, 0.29]}),
     ("green glass", {"type": "dielectric", "eta": 1.5, "sigma_a": [2.1, 0.45, 1.5]}),
 )
-FINE_SPP = 256  # light focused by glass is the hardest part of the picture
+OWN_BALL, OWN_GLASS_BALL = "shader_ball.glb", "glass_ball.glb"
+GLASS_FACTOR = 4  # light focused by glass is the hardest part of the picture
 HDR_MAPS = (  # file, exposure in stops
     ("studio_small_03_1k.hdr", -1.0),
     ("potsdamer_platz_1k.hdr", 0.3),
@@ -46,13 +47,17 @@ class Study:
     title: str
     base: dict[str, Any]
     folder: Path
+    glass_file: str | None = None
 
 
-def axes(spp: int) -> list[dict[str, Any]]:
-    """Return the two axes of the zip: the ball's material, and samples per pixel."""
+def axes(spp: int, glass_file: str | None = None) -> list[dict[str, Any]]:
+    """Return the axes of the zip: the ball's material, samples per pixel, and the ball's file.
+
+    `glass_file`, if given, is the mesh that glass takes instead of the first shape's.
+    """
     cells = [(name, material, alpha) for alpha in ROUGHNESS for name, material in MATERIALS]
-    counts = [max(spp, FINE_SPP) if m["type"] == "dielectric" else spp for _, m, _ in cells]
-    return [
+    counts = [spp * (GLASS_FACTOR if m["type"] == "dielectric" else 1) for _, m, _ in cells]
+    made: list[dict[str, Any]] = [
         {
             "pointer": "/materials/ball",
             "label": "material",
@@ -63,9 +68,16 @@ def axes(spp: int) -> list[dict[str, Any]]:
             "pointer": "/render/spp",
             "label": "samples",
             "values": counts,
-            "labels": [f"{n} spp" for n in counts],
+            "labels": [""] * len(counts),
         },
     ]
+    if glass_file is not None:
+        files = [glass_file if m["type"] == "dielectric" else OWN_BALL for _, m, _ in cells]
+        nameless = [""] * len(files)
+        made.append(
+            {"pointer": "/shapes/0/file", "label": "file", "values": files, "labels": nameless}
+        )
+    return made
 
 
 def own_study(folder: Path, size: int, spp: int) -> Study:
@@ -73,12 +85,11 @@ def own_study(folder: Path, size: int, spp: int) -> Study:
     make_shader_ball.write(folder, level=3)
     make_studio_light.write(folder / "studio.exr", make_studio_light.studio_light())
     camera = {"origin": [0.0, 2.35, 7.2], "target": [0.0, 1.02, 0.0], "vfov_deg": 22.0}
-    ball = {"file": "shader_ball.glb", "materials": {"Shell": "ball", "Inner": "ball"}}
-    ball["materials"]["Base"] = "base"
+    ball = {"file": OWN_BALL, "materials": {"Shell": "ball", "Base": "base", "*": "core"}}
     shapes = [ball, {"file": "stage.glb", "materials": {"Ground": "ground", "Tile": "tile"}}]
     title = "Shader ball under the studio light"
     base = scene(camera, shapes, ("studio.exr", 0.3), size, spp)
-    return Study("studio", title, base, folder)
+    return Study("studio", title, base, folder, OWN_GLASS_BALL)
 
 
 def asset_studies(assets: Path, folder: Path, size: int, spp: int) -> list[Study]:
@@ -151,6 +162,7 @@ def scene(
         "render": {"spp": spp, "seed": 0},
         "materials": {
             "ball": {"type": "conductor", "metal": "Au", "alpha": 0.1},
+            "core": {"type": "lambert", "albedo": [0.4, 0.4, 0.4]},
             "base": {"type": "lambert", "albedo": [0.16, 0.16, 0.165]},
             "ground": {"type": "lambert", "albedo": [0.42, 0.42, 0.42]},
             "tile": {"type": "lambert", "albedo": [0.31, 0.31, 0.315]},

@@ -6,10 +6,13 @@
 name:
 
 - `Shell`: a bowl of radius 1 and thickness 0.16 with a groove round its belly, opening towards the
-  camera; in glass its wall bends the view gently and its rim gathers the light;
-- `Inner`: a full sphere of radius 0.5 in the middle; in glass it turns the view upside down;
+  camera;
+- `Inner`: a sphere of radius 0.8 that the opening shows;
 - `Base`: a turned foot with a dish. It stays 0.03 away from the shell, so that a glass shell
   touches nothing and its inside is well defined.
+
+`glass_ball.glb` has a smaller sphere, `Pearl`, of the shell's material instead of `Inner`: in glass
+the wall bends the view gently, the rim gathers light and the pearl turns the view upside down.
 
 `stage.glb` holds `Ground` and `Tile`: the light and dark squares of a studio sweep (a floor that
 curves up into a back wall).  Lengths in metres, y up, the camera looks along -z; vertex normals are
@@ -20,7 +23,7 @@ from __future__ import annotations
 
 import argparse
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,11 +35,12 @@ Triangles = npt.NDArray[np.int64]
 
 SHELL_RADIUS = 1.0
 SHELL_THICKNESS = 0.16
-SHELL_OPENING_DEG = 46.0  # half angle of the opening, seen from the centre
-GROOVE_DEG = 113.0  # where the groove runs, from the pole opposite the opening
+SHELL_OPENING_DEG = 42.0  # half angle of the opening, seen from the centre
+GROOVE_DEG = 117.0  # where the groove runs, from the pole opposite the opening
 GROOVE_HALF_WIDTH_DEG = 2.6
 GROOVE_DEPTH = 0.045
-INNER_RADIUS = 0.5
+INNER_RADIUS = 0.8
+PEARL_RADIUS = 0.5
 DISH_GAP = 0.03  # between base and shell
 TILT_DEG = (52.0, -24.0)  # opening: towards +z about x, then about y
 LEVELS = range(5)
@@ -55,6 +59,7 @@ class Part:
     """One named triangle mesh: positions, unit normals (N, 3), uv (N, 2), triangles (M, 3)."""
 
     name: str
+    material: str
     positions: Array
     normals: Array
     uv: Array
@@ -160,6 +165,7 @@ def revolve(name: str, profile: Profile, segments: int) -> Part:
     uv = np.stack(np.broadcast_arrays(turn[None, :], length[:, None]), axis=2)
     return Part(
         name,
+        name,
         positions.reshape(-1, 3),
         unit(normals.reshape(-1, 3)),
         uv.reshape(-1, 2),
@@ -191,10 +197,11 @@ def tilt() -> Array:
     return rotation
 
 
-def placed(part: Part, rotation: Array, height: float) -> Part:
-    """Rotate a part about the origin and lift it."""
-    positions = part.positions @ rotation.T + np.array([0.0, height, 0.0])
-    return Part(part.name, positions, part.normals @ rotation.T, part.uv, part.triangles)
+def tilted(part: Part) -> Part:
+    """Turn a part's axis towards the camera and lift it to the ball's height."""
+    rotation = tilt()
+    positions = part.positions @ rotation.T + np.array([0.0, ball_height(), 0.0])
+    return replace(part, positions=positions, normals=part.normals @ rotation.T)
 
 
 def shader_ball(level: int = 2) -> list[Part]:
@@ -206,12 +213,24 @@ def shader_ball(level: int = 2) -> list[Part]:
     if level not in LEVELS:
         raise ValueError(f"level must be 0 to {LEVELS[-1]}, got {level}")
     segments = 24 * 2**level
-    sphere = arc((0.0, 0.0), INNER_RADIUS, -90.0, 90.0, segments // 2)
     return [
-        placed(revolve("Shell", shell_profile(segments), segments), tilt(), ball_height()),
-        placed(revolve("Inner", sphere, segments), tilt(), ball_height()),
+        tilted(revolve("Shell", shell_profile(segments), segments)),
+        tilted(revolve("Inner", sphere_profile(INNER_RADIUS, segments), segments)),
         revolve("Base", base_profile(segments // 2), segments),
     ]
+
+
+def glass_ball(level: int = 2) -> list[Part]:
+    """Return Shell, Pearl (of the shell's material) and Base; levels as for `shader_ball`."""
+    shell, _, base = shader_ball(level)
+    segments = 24 * 2**level
+    pearl = tilted(revolve("Pearl", sphere_profile(PEARL_RADIUS, segments), segments))
+    return [shell, replace(pearl, material="Shell"), base]
+
+
+def sphere_profile(radius: float, segments: int) -> Profile:
+    """Return a half circle from the lower to the upper pole."""
+    return arc((0.0, 0.0), radius, -90.0, 90.0, segments // 2)
 
 
 def stage(
@@ -276,11 +295,12 @@ def square_triangles(mask: npt.NDArray[np.bool_]) -> Triangles:
 def used_only(name: str, positions: Array, normals: Array, uv: Array, faces: Triangles) -> Part:
     """Drop the vertices that no triangle uses."""
     used, index = np.unique(faces, return_inverse=True)
-    return Part(name, positions[used], normals[used], uv[used], index.reshape(-1, 3))
+    triangles = index.reshape(-1, 3)
+    return Part(name, name, positions[used], normals[used], uv[used], triangles)
 
 
 def write_glb(path: Path, parts: Sequence[Part]) -> Path:
-    """Write parts as one GLB; geometry and material of each carry its name."""
+    """Write parts as one GLB with their geometry and material names."""
     import trimesh
 
     visual: Any = trimesh.visual  # trimesh is only partly typed
@@ -291,7 +311,7 @@ def write_glb(path: Path, parts: Sequence[Part]) -> Path:
             faces=part.triangles,
             vertex_normals=part.normals,
             visual=visual.TextureVisuals(
-                uv=part.uv, material=visual.material.PBRMaterial(name=part.name)
+                uv=part.uv, material=visual.material.PBRMaterial(name=part.material)
             ),
             process=False,
         )
@@ -301,10 +321,11 @@ def write_glb(path: Path, parts: Sequence[Part]) -> Path:
 
 
 def write(directory: Path, level: int = 2) -> list[Path]:
-    """Write shader_ball.glb and stage.glb and return their paths."""
+    """Write shader_ball.glb, glass_ball.glb and stage.glb and return their paths."""
     directory.mkdir(parents=True, exist_ok=True)
     return [
         write_glb(directory / "shader_ball.glb", shader_ball(level)),
+        write_glb(directory / "glass_ball.glb", glass_ball(level)),
         write_glb(directory / "stage.glb", stage()),
     ]
 

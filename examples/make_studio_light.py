@@ -50,11 +50,12 @@ BOXES = (
     SoftBox((3.6, 1.3, 1.4), 1.1, 3.6, 7500.0, 5.5),  # strip: right, cool
     SoftBox((0.3, 4.0, -0.6), 4.0, 2.0, 6000.0, 4.5),  # overhead
     SoftBox((-2.6, 1.7, -3.0), 0.9, 2.4, 3400.0, 5.0),  # rim: behind left, warm
-    SoftBox((1.2, 1.7, 4.2), 2.4, 1.6, 4300.0, 2.4),  # fill: beside the camera
+    SoftBox((0.5, 2.2, 4.6), 5.2, 3.4, 4600.0, 1.5),  # fill: large and weak, behind the camera
 )
 SUN = Sun((0.62, 0.70, 0.36), 2.6, 5600.0, 60.0)
 SKY = ((0.0, 0.55), (0.45, 0.36), (0.52, 0.20), (1.0, 0.06))  # (v, radiance), bluish grey
 SKY_KELVIN = 8000.0
+DATED = {"DateTime": "2000:01:01 00:00:00"}  # the same bytes every time: a digest names the file
 
 
 def black_body(kelvin: float) -> Array:
@@ -146,7 +147,7 @@ def write(path: Path, image: npt.NDArray[np.float32]) -> None:
     from matiere import imageio
 
     path.parent.mkdir(parents=True, exist_ok=True)
-    imageio.write_stored(path, imageio.Stored(image, ("R", "G", "B"), {}), "float")
+    imageio.write_stored(path, imageio.Stored(image, ("R", "G", "B"), DATED), "float")
 
 
 def main() -> None:

@@ -206,13 +206,15 @@ def _spaced(key: str, value: Any, at: str, faults: list[Fault]) -> list[float]:
         faults.append(Fault(at, "out_of_range", why))
         return []
     if count == 1:
-        return [first]
+        return [value[0]]
     steps = [i / (count - 1) for i in range(count)]
     if key == "linspace":
         inner = [first + (last - first) * t for t in steps]
     else:
         inner = [first * (last / first) ** t for t in steps]
-    return [first, *inner[1:-1], last]
+    spaced = [first, *inner[1:-1], last]
+    whole = isinstance(value[0], int) and all(x == int(x) for x in spaced)
+    return [int(x) for x in spaced] if whole else spaced  # seeds and spp are whole numbers
 
 
 def _is_number(value: Any) -> bool:

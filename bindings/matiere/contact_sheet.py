@@ -31,7 +31,9 @@ SOFT: Color = (0.66, 0.67, 0.68)
 WARN: Color = (0.95, 0.60, 0.40)
 
 MAX_EDGE = 8192  # pixels; larger grids get smaller thumbnails
+SURROUNDINGS = 300  # pixels kept for titles, row headers and the legend
 MIN_THUMB = 16
+MIN_CAPTION = 120  # small images get a cell this wide, so that a caption fits
 MIN_LABELLED = 56  # below this width a caption says nothing: leave it out
 DISPLAY_GAMMA = 2.2  # thumbnails are averaged in roughly linear light
 
@@ -143,19 +145,22 @@ def _first_size(
 ) -> tuple[int, int]:
     """Return the thumbnail size: the aspect of the first image, inside MAX_EDGE."""
     image = next((cell["image"] for cell in cells if cell.get("image")), None)
-    shape = imageio.read_image(image).pixels.shape if image else (1, 1)
+    shape = imageio.read_image(image).pixels.shape if image else (cell_width, cell_width)
     aspect = shape[0] / shape[1]
     lines = max(_caption_lines(cell) for cell in cells)
-    fit = min(cell_width, _largest(columns, 0.0), int(_largest(rows, 24.0 * lines) / aspect))
+    wanted = min(cell_width, max(shape[1], MIN_CAPTION))
+    fit = _fitting(wanted, columns, rows, aspect, 24 * lines)
+    if fit < MIN_LABELLED:  # too small for words: all room to the images
+        fit = min(_fitting(wanted, columns, rows, aspect, 0), MIN_LABELLED - 1)
     fit = max(fit, MIN_THUMB)
     return fit, max(1, round(fit * aspect))
 
 
-def _largest(count: int, extra: float) -> int:
-    """Return the largest edge of `count` thumbnails, each with `extra` pixels, on one sheet."""
-    room = MAX_EDGE - 300
-    with_text = int(room / count - extra - 10)
-    return with_text if with_text >= MIN_LABELLED else int(room / count - 4)
+def _fitting(wanted: int, columns: int, rows: int, aspect: float, caption: int) -> int:
+    """Return the thumbnail width, at most `wanted`, with which the grid stays inside MAX_EDGE."""
+    room = MAX_EDGE - SURROUNDINGS
+    gap = 10 if caption else 4
+    return min(wanted, room // columns - gap, int((room / rows - caption - gap) / aspect))
 
 
 def _layout(

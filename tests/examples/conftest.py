@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 
@@ -26,6 +27,12 @@ def load_example(relative: str) -> ModuleType:
     finally:
         sys.path.remove(str(path.parent))
     return module
+
+
+@pytest.fixture(scope="session")
+def example() -> Callable[[str], ModuleType]:
+    """Return the function that imports an example by its path below examples/."""
+    return load_example
 
 
 @pytest.fixture(scope="session")

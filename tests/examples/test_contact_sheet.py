@@ -60,8 +60,8 @@ def test_text_is_drawn_under_each_cell(tmp_path: Path) -> None:
     plain = [{"image": c["image"], "label": "", "sublabel": ""} for c in cells]
     with_text = decode(contact_sheet.make(cells, 2, "t"), tmp_path)
     without = decode(contact_sheet.make(plain, 2, "t"), tmp_path)
-    assert with_text.shape[0] > without.shape[0] + 30
-    assert (with_text.min(axis=2) > 0.6).sum() > (without.min(axis=2) > 0.6).sum() + 100
+    assert with_text.shape[0] > without.shape[0] + 25
+    assert (with_text.min(axis=2) > 0.6).sum() > (without.min(axis=2) > 0.6).sum() + 40
 
 
 def test_a_cell_without_image_is_hatched_and_says_so(tmp_path: Path) -> None:
@@ -88,7 +88,7 @@ def test_large_images_shrink_and_large_grids_stay_within_the_limit(tmp_path: Pat
     sheet = decode(contact_sheet.make([{"image": image}] * 2, 2, "x", cell_width=100), tmp_path)
     blue = np.abs(sheet - np.array([77, 153, 230]) / 255).max(axis=2) < 0.006
     assert blue.sum() == 2 * 100 * 50, blue.sum()
-    for columns, rows in ((300, 2), (2, 300)):
+    for columns, rows in ((90, 1), (1, 90), (300, 1)):
         cells = [{"image": image, "label": "a", "sublabel": "b\nc"}] * (columns * rows)
         many = decode(contact_sheet.make(cells, columns, "x"), tmp_path)
         assert max(many.shape) <= contact_sheet.MAX_EDGE, many.shape

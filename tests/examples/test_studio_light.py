@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from pathlib import Path
 from types import ModuleType
 
@@ -75,3 +76,11 @@ def test_file_holds_the_floats(studio_light: ModuleType, tmp_path: Path) -> None
     studio_light.write(tmp_path / "studio.exr", image)
     read, integer, _ = imageio.read_color(tmp_path / "studio.exr")
     assert not integer and np.array_equal(read, image)
+
+
+def test_file_has_the_same_bytes_at_another_time(studio_light: ModuleType, tmp_path: Path) -> None:
+    image = studio_light.studio_light(64, 32)
+    studio_light.write(tmp_path / "a.exr", image)
+    time.sleep(1.1)  # file formats note the second
+    studio_light.write(tmp_path / "b.exr", image)
+    assert (tmp_path / "a.exr").read_bytes() == (tmp_path / "b.exr").read_bytes()
