@@ -18,12 +18,13 @@ double luminance(const double* rgb) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] +
 
 /// Log-average luminance of the non-zero pixels of S; 0 for a black image. The logarithm of a noisy
 /// value is too low by v / (2 S^2) on average, which is put back (bounded for any noise).
-double log_average(const Film& film) {
+double log_average(const Film& film, WindowSums* sums = nullptr) {
     FilmRows rows(film);
     double sum = 0.0;
     std::size_t n = 0;
     for (int y = 0; y < film.height(); ++y) {
         rows.advance(y);
+        if (sums != nullptr) sums->add_row(rows, y);
         for (int x = 0; x < film.width(); ++x) {
             const double lum = luminance(rows.smooth(x));
             if (!(lum > 0.0)) continue;
@@ -155,7 +156,8 @@ std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, 
 
 ErrorEstimate estimate_error(const Film& film) {
     ErrorEstimate e;
-    e.log_average = log_average(film);
+    WindowSums sums(film.width(), film.height());
+    e.log_average = log_average(film, &sums);
     const int r_count = film.replicates();
     if (r_count < 2 || film.spp() == 0) return e;
     const double floor = kRelativeFloor * e.log_average * e.log_average;
@@ -169,7 +171,7 @@ ErrorEstimate estimate_error(const Film& film) {
     for (int y = 0; y < film.height(); ++y) {
         rows.advance(y);
         for (int x = 0; x < film.width(); ++x) {
-            pixel.set(rows, x, floor);
+            pixel.set(rows, sums, x, y, floor);
             if (pixel.all_equal()) ++unknown;
             relative += pixel.weighted_variance();
             for (std::size_t c = 0; c < kC; ++c) {

@@ -28,7 +28,6 @@ struct ErrorEstimate {
 
 inline constexpr double kRelativeFloor = 0.01;  ///< of m^2, keeps black pixels finite
 inline constexpr double kClassicFloor = 0.01;   ///< of the classic relMSE, in squared radiance
-inline constexpr int kSmoothRadius = 2;         ///< 5 x 5 pixels
 inline constexpr int kColorChannels = 3;
 
 ErrorEstimate estimate_error(const Film& film);

@@ -11,6 +11,8 @@
 
 namespace matiere {
 
+inline constexpr int kSmoothRadius = 2;  ///< S averages 5 x 5 pixels
+
 class FilmRows {
  public:
     explicit FilmRows(const Film& film) : film_(film), width_(std::size_t(film.width())) {
@@ -42,7 +44,7 @@ class FilmRows {
     double window(int x) const { return window_[std::size_t(x)]; }
 
  private:
-    static constexpr int kRadius = 2;
+    static constexpr int kRadius = kSmoothRadius;
     static constexpr int kRows = 2 * kRadius + 1;
     static constexpr std::size_t kC = 3;
     static constexpr std::size_t kMoments = 2 * kC;

@@ -8,7 +8,9 @@
 #include <vector>
 
 #include "base/numeric.h"
+#include "base/vec.h"
 #include "film/film_rows.h"
+#include "film/window_sums.h"
 
 namespace matiere {
 
@@ -21,6 +23,9 @@ inline double reciprocal_scale(double s, double v, double floor) {
     const double slope = 4.0 * s * s / scale - 1.0;  // -1 in the dark, 3 in the light
     return 1.0 / (scale + std::max(slope, 0.0) * v);
 }
+
+/// Relative standard deviation of S above which a larger window is taken.
+inline constexpr double kScaleDeviation = 0.3;
 
 class PixelPairs {
  public:
@@ -39,18 +44,22 @@ class PixelPairs {
 
     const std::vector<Pair>& pairs() const { return pairs_; }
 
-    void set(const FilmRows& rows, int x, double floor) {
+    void set(const FilmRows& rows, const WindowSums& sums, int x, int y, double floor) {
+        std::array<Scale, kC> scales;
+        const int radius = choose_radius(rows, sums, {x, y}, floor, kSmoothRadius);
+        for (std::size_t c = 0; c < kC; ++c) scales[c] = local_scale(rows, sums, {x, y}, c, radius);
+        // A larger window has less noise, which more of the 5 x 5 blocks share.
+        const double shared = double(2 * radius + 1) / double(2 * kSmoothRadius + 1);
         for (Pair& p : pairs_) {
             p.scale_noise = 0.0;
             for (std::size_t c = 0; c < kC; ++c) {
                 const double a = rows.replicate(p.i, x)[c], b = rows.replicate(p.j, x)[c];
                 p.difference[c] = a - b;
-                const double s = scale_without(rows, x, c, a + b);
-                const double v = scale_variance(rows, x, c);
-                p.weight[c] = reciprocal_scale(s, v, floor);
+                const double s = scales[c].without_pair(a + b, replicates_);
+                p.weight[c] = reciprocal_scale(s, scales[c].others_variance, floor);
                 p.root_weight[c] = std::sqrt(p.weight[c]);
                 p.scale_noise += p.weight[c] * sqr(p.difference[c]) * 2.0 * std::abs(s) *
-                                 p.weight[c] * std::sqrt(v);
+                                 p.weight[c] * std::sqrt(scales[c].variance) * shared;
             }
         }
     }
@@ -83,21 +92,60 @@ class PixelPairs {
         return r * r * (r - 1.0);
     }
 
-    /// S where the pixel's own share comes from the other replicates only, so that a bright outlier
-    /// cannot hide itself; with R = 2 there are none and the pixel is left out.
-    double scale_without(const FilmRows& rows, int x, std::size_t c, double pair_sum) const {
-        const double r = replicates_, n = rows.window(x);
-        const double s = rows.smooth(x)[c], own = rows.mean(x)[c];
-        if (replicates_ > 2) return s + ((r * own - pair_sum) / (r - 2.0) - own) / n;
-        return n > 1.0 ? (n * s - own) / (n - 1.0) : s;
+    /// S around a pixel in one channel.
+    struct Scale {
+        double n = 1.0, smooth = 0.0, own = 0.0;
+        double variance = 0.0;         ///< of S
+        double others_variance = 0.0;  ///< of S, from the neighbours alone
+
+        /// S where the pixel's own share comes from the other replicates only, so that a bright
+        /// outlier cannot hide itself; with R = 2 there are none and the pixel is left out.
+        double without_pair(double pair_sum, int replicates) const {
+            const double r = replicates;
+            if (replicates > 2) return smooth + ((r * own - pair_sum) / (r - 2.0) - own) / n;
+            return without_pixel();
+        }
+        double without_pixel() const { return n > 1.0 ? (n * smooth - own) / (n - 1.0) : smooth; }
+    };
+
+    /// The smallest window, 5 x 5 or larger, whose S is expected to be known to kScaleDeviation.
+    /// What to expect is told by a window four times as wide: to choose by the small window's own
+    /// S would prefer the bright ones.
+    static int choose_radius(const FilmRows& rows, const WindowSums& sums, Vec2<int> at,
+                             double floor, int radius) {
+        const auto wide = sums.around(at.x, at.y, 4 * radius);
+        for (std::size_t c = 0; c < kC; ++c) {
+            const double own = rows.mean(at.x)[c];
+            const double s = wide.n > 1.0 ? (wide.mean[c] - own) / (wide.n - 1.0) : own;
+            const double expected = wide.variance[c] / wide.n / sqr(2.0 * radius + 1.0);
+            if (expected > sqr(kScaleDeviation) * (sqr(s) + floor)) {
+                if (sums.covers(at.x, at.y, 2 * radius)) return 2 * radius;
+                return choose_radius(rows, sums, at, floor, 2 * radius);
+            }
+        }
+        return radius;
     }
 
-    /// Variance of that estimate from the neighbours alone, for the same reason.
-    double scale_variance(const FilmRows& rows, int x, std::size_t c) const {
-        const double n = rows.window(x);
-        if (n <= 1.0) return 0.0;
-        const double others = n * n * rows.smooth_variance(x)[c] - rows.variance(x)[c];
-        return std::max(others, 0.0) / (n * (n - 1.0));
+    static Scale local_scale(const FilmRows& rows, const WindowSums& sums, Vec2<int> at,
+                             std::size_t c, int radius) {
+        Scale s;
+        double variance_sum = 0.0;
+        if (radius == kSmoothRadius) {
+            s.n = rows.window(at.x);
+            s.smooth = rows.smooth(at.x)[c];
+            variance_sum = rows.smooth_variance(at.x)[c] * sqr(s.n);
+        } else {
+            const auto w = sums.around(at.x, at.y, radius);
+            s.n = w.n;
+            s.smooth = w.mean[c] / w.n;
+            variance_sum = w.variance[c];
+        }
+        s.own = rows.mean(at.x)[c];
+        s.variance = variance_sum / sqr(s.n);
+        if (s.n > 1.0)
+            s.others_variance =
+                std::max(variance_sum - rows.variance(at.x)[c], 0.0) / (s.n * (s.n - 1.0));
+        return s;
     }
 
     int replicates_;
