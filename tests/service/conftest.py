@@ -10,15 +10,12 @@ import pytest
 pytest.importorskip("fastapi", reason="needs the extra matiere[service]")
 
 import httpx
-from fake_engine import FakeEngine
+from fake_engine import BODY_TIMEOUT_S, MAX_ASSET_BYTES, FakeEngine
 from fastapi import FastAPI
 
 from matiere.service.app import create_app
 from matiere.service.server import BackgroundServer, bind, url_of
 from matiere.service.settings import Settings
-
-MAX_ASSET_BYTES = 100_000
-BODY_TIMEOUT_S = 0.5
 
 
 @pytest.fixture(scope="session")

@@ -33,6 +33,8 @@ from matiere.jobs.job import (
 )
 
 FILES = ("image.png", "image.exr", "report.json", "error.svg")
+MAX_ASSET_BYTES = 100_000  # what the served application of the tests allows
+BODY_TIMEOUT_S = 0.5
 
 
 class FakeEngine(Engine):

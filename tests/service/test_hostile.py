@@ -12,8 +12,7 @@ from urllib.parse import urlsplit
 
 import httpx
 import pytest
-from conftest import BODY_TIMEOUT_S, MAX_ASSET_BYTES
-from fake_engine import FakeEngine
+from fake_engine import BODY_TIMEOUT_S, MAX_ASSET_BYTES, FakeEngine
 
 JSON = {"Content-Type": "application/json"}
 OCTETS = {"Content-Type": "application/octet-stream"}
