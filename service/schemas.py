@@ -30,7 +30,7 @@ Scene = Annotated[
     dict[str, Any],
     Field(description="A scene, version 1; GET /v1/schema is its JSON Schema."),
 ]
-SWEEP_MODES = ("grid", "zip")
+Number = int | float  # a whole number stays one: seeds and sample counts are no floats
 
 
 class _Request(BaseModel):
@@ -118,10 +118,10 @@ class Axis(_Request):
 
     pointer: str | list[str] = Field(description="JSON pointer(s) into the base scene")
     values: list[JsonValue] | None = Field(None, min_length=1)
-    linspace: tuple[float, float, int] | None = Field(
+    linspace: tuple[Number, Number, int] | None = Field(
         None, description="first, last, count", strict=False
     )
-    logspace: tuple[float, float, int] | None = Field(
+    logspace: tuple[Number, Number, int] | None = Field(
         None,
         description="first, last, count; first and last are values, not exponents",
         strict=False,
