@@ -103,12 +103,31 @@ def spp_note(film: Film) -> str:
     return f"{asked} samples per pixel were asked for, the film already had {film.spp}"
 
 
+REJECTION_WORDS = {
+    "side_mismatch": (
+        "sampled directions went below the real surface under a smoothed normal and were absorbed: "
+        "a finer mesh has fewer"
+    ),
+    "negative_radiance": "samples had a negative channel and were kept",
+}
+
+
+def _rejection_warnings(counters: Mapping[str, Any]) -> list[str]:
+    totals: dict[str, int] = {}
+    for row in counters["rejected"]:
+        totals[row["cause"]] = totals.get(row["cause"], 0) + row["count"]
+    default = "values that are not finite were counted as zero"
+    return [
+        f"{count} {REJECTION_WORDS.get(cause, f'{default} ({cause})')}"
+        for cause, count in totals.items()
+    ]
+
+
 def warnings(film: Film) -> list[str]:
     """Return what the reader should know before trusting the image, in sentences."""
     counters, error = film.core.counters, film.error
     found = [f"{counters[key]} {text}" for key, text in WARNINGS.items() if counters[key]]
-    if counters["rejected_total"]:
-        found.append(f"{counters['rejected_total']} non-finite or negative values were rejected")
+    found += _rejection_warnings(counters)
     if not error["known"]:
         found.append("the error is unknown: the replicates agree in every pixel, or there is one")
     elif error["unknown_share"] > 0:
