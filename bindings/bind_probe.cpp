@@ -8,6 +8,7 @@
 #include <variant>
 
 #include "base/error.h"
+#include "base/parallel.h"
 #include "material/record.h"
 #include "param_value.h"
 
@@ -103,6 +104,7 @@ class Probe {
     }
 
     Array<R> eval_rows(const Rows<R>& wo, const Rows<R>& wi) const {
+        const FlushDenormals as_in_a_render;
         const py::ssize_t n = Rows<R>::common(wo, wi);
         Array<R> f({n, py::ssize_t(3)});
         for (py::ssize_t k = 0; k < n; ++k) {
@@ -113,6 +115,7 @@ class Probe {
     }
 
     Array<R> pdf_rows(const Rows<R>& wo, const Rows<R>& wi) const {
+        const FlushDenormals as_in_a_render;
         const py::ssize_t n = Rows<R>::common(wo, wi);
         Array<R> pdf(n);
         for (py::ssize_t k = 0; k < n; ++k) *pdf.mutable_data(k) = eval(wo[k], wi[k]).pdf;
@@ -120,6 +123,7 @@ class Probe {
     }
 
     py::object sample_rows(const Rows<R>& wo, const Rows<R>& u) const {
+        const FlushDenormals as_in_a_render;
         const py::ssize_t n = Rows<R>::common(wo, u);
         Array<R> wi({n, py::ssize_t(3)}), weight({n, py::ssize_t(3)}), pdf(n), eta(n);
         Array<std::uint32_t> lobe(n);
@@ -137,6 +141,7 @@ class Probe {
     }
 
     Array<R> albedo_rows(const Rows<R>& wo, std::uint64_t samples) const {
+        const FlushDenormals as_in_a_render;
         const py::ssize_t n = wo.size();
         Array<R> albedo({n, py::ssize_t(3)});
         for (py::ssize_t k = 0; k < n; ++k) {

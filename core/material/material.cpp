@@ -59,6 +59,10 @@ MaterialRecord make_record(const MaterialDescription& d, const TextureTable& tex
             r.features = M::kFeatures;
             r.lobes = m.lobes();
         }
+        // Only a lobe that is wider one way needs the tangent.
+        if constexpr (requires { m.is_anisotropic(); })
+            if (!r.recipe.textured() && !m.is_anisotropic())
+                r.features &= ~std::uint32_t(kFeatureAnisotropic);
         if constexpr (InterfaceModel<M, float>) {
             r.has_interior = true;
             r.eta_interior = m.interior().eta;

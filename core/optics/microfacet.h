@@ -45,6 +45,7 @@ struct Microfacet {
     }
 
     bool is_delta() const { return is_delta_alpha(alpha_x, alpha_y); }
+    bool is_anisotropic() const { return alpha_x != alpha_y; }
 
     /// Density of facet normals per projected area [1/sr], h.z > 0.
     R D(Vec3<R> h) const {

@@ -43,6 +43,7 @@ struct Conductor {
         return {{p.microfacet(), FresnelTerm<R>::conductor(p.eta.v, p.k.v)}};
     }
 
+    bool is_anisotropic() const { return surface.surface.is_anisotropic(); }
     std::uint8_t lobes() const { return surface.lobe(); }
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const { return surface.eval(wo, wi); }
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {

@@ -74,6 +74,7 @@ struct CookTorrance {
         return {CoatedDiffuse<R>::make(coat, p.tables.view(p), p.diffuse.v, R(1))};
     }
 
+    bool is_anisotropic() const { return layers.coat.surface.is_anisotropic(); }
     std::uint8_t lobes() const { return layers.lobes(); }
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const { return layers.eval(wo, wi); }
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {

@@ -98,6 +98,7 @@ struct Dielectric {
         return sqr(e()) * double(surface.alpha_x) * double(surface.alpha_y) < kDeltaTransmission;
     }
 
+    bool is_anisotropic() const { return surface.is_anisotropic(); }
     std::uint8_t lobes() const {
         return std::uint8_t((is_delta() ? kSpecular : kGlossy) | kReflection | kTransmission);
     }
@@ -148,6 +149,7 @@ struct Dielectric {
         const Vec3<R> h = vec_cast<R>(unit);
         const double T = dielectric_transmittance(cos_o, double(eta) * cos_t, double(eta));
         const R pdf = R(T * jacobian(cos_o, cos_t)) * surface.D(h) * surface.visible_over_D(wo, h);
+        if (!(pdf > R(0))) return {};
         const R weight = surface.transmission_weight(wo, wi, h) / (eta * eta);
         return {Spectrum<R>(pdf * weight), pdf};
     }

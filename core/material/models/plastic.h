@@ -52,6 +52,7 @@ struct Plastic {
         return {CoatedDiffuse<R>::make(coat, p.tables.view(p), p.albedo.v, p.eta.v * p.eta.v)};
     }
 
+    bool is_anisotropic() const { return layers.coat.surface.is_anisotropic(); }
     std::uint8_t lobes() const { return layers.lobes(); }
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const { return layers.eval(wo, wi); }
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
