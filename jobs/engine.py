@@ -63,6 +63,7 @@ from matiere.jobs.submission import Request, Submitter, body_hash
 log = logging.getLogger("matiere.jobs.engine")
 T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
+POLL_S = 0.05
 MEMORY_SHARE = 8  # merging holds a film up to three times
 
 
@@ -456,6 +457,7 @@ class Engine:
             if done(value) or left <= 0 or self._closed:
                 return value
             self._await_change(version, min(1.0, left))
+            time.sleep(min(POLL_S, left))  # a busy queue commits often
 
     def _write_probe(self) -> None:
         digest, _ = self._data.artifacts.write([f"probe {uuid7()}".encode()])

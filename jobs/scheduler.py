@@ -370,8 +370,9 @@ class Scheduler(threading.Thread):
             if film_id not in self.films:
                 row = self.db.read(lambda c, i=film_id: films.load_film(c, i))  # type: ignore[misc]
                 self.films[film_id] = FilmWork(row, self.work, now)
+        waiting = self.db.read(lambda c: films.waiting_by_film(c, list(self.films)))
         for film in list(self.films.values()):
-            film.jobs = self.db.read(lambda c, i=film.id: films.waiting_jobs(c, i))  # type: ignore[misc]
+            film.jobs = waiting[film.id]
             if not film.jobs:
                 self._abandon(film)
         self.utility.read_queue()

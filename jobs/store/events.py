@@ -10,15 +10,13 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.job import Event
-from matiere.jobs.store.tables import event, job
+from matiere.jobs.store.tables import event
 
 
 def emit(
-    c: Connection, kind: str, *, job_id: str | None = None, sweep_id: str | None = None, **data: Any
+    c: Connection, kind: str, job_id: str | None = None, sweep_id: str | None = None, **data: Any
 ) -> None:
-    """Append one event; the sweep of a job is filled in when not given."""
-    if job_id is not None and sweep_id is None:
-        sweep_id = c.scalar(sa.select(job.c.sweep_id).where(job.c.id == job_id))
+    """Append one event of a job (name its sweep too, if it has one) or of a sweep."""
     c.execute(
         sa.insert(event).values(
             time=time.time(),

@@ -8,7 +8,7 @@ the row is dropped. `pending_deletions` at start repeats what a crash cut.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
 import sqlalchemy as sa
@@ -27,52 +27,61 @@ class Blob:
 
 def add_reference(c: Connection, owner: tuple[str, object], kind: str, blob: Blob) -> None:
     """Record `blob` as `kind` of `owner`, replacing what stood there."""
-    name, owner_id = owner[0], str(owner[1])
-    known = c.execute(
-        sa.update(artifact).where(artifact.c.digest == blob.digest).values(state="live")
-    )
-    if known.rowcount == 0:
-        c.execute(
-            sa.insert(artifact).values(
-                digest=blob.digest, size=blob.size, state="live", created=time.time()
-            )
-        )
-    drop_reference(c, owner, kind, keep=blob.digest)
-    held = c.scalar(
-        sa.select(reference.c.digest).where(
-            reference.c.owner == name,
-            reference.c.owner_id == owner_id,
-            reference.c.kind == kind,
-        )
-    )
-    if held is None:
-        c.execute(
-            sa.insert(reference).values(
-                owner=name, owner_id=owner_id, kind=kind, digest=blob.digest
-            )
-        )
+    add_references(c, owner, {kind: blob})
 
 
-def drop_reference(
-    c: Connection, owner: tuple[str, object], kind: str | None = None, keep: str | None = None
-) -> None:
+def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str, Blob]) -> None:
+    """Record files of `owner` by kind, replacing what stood there."""
+    sizes = {blob.digest: blob.size for blob in blobs.values()}
+    mine = artifact.c.digest.in_(list(sizes))
+    states = {r.digest: r.state for r in c.execute(sa.select(artifact).where(mine))}
+    if "deleting" in states.values():
+        c.execute(sa.update(artifact).where(mine).values(state="live"))
+    row = {"state": "live", "created": time.time()}
+    if new := [row | {"digest": d, "size": n} for d, n in sizes.items() if d not in states]:
+        c.execute(sa.insert(artifact), new)
+    place = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
+    place &= reference.c.kind.in_(list(blobs))
+    held = {r.kind: r.digest for r in c.execute(sa.select(reference).where(place))}
+    if held:
+        c.execute(sa.delete(reference).where(place))
+    line = {"owner": owner[0], "owner_id": str(owner[1])}
+    rows = [line | {"kind": kind, "digest": blob.digest} for kind, blob in blobs.items()]
+    c.execute(sa.insert(reference), rows)
+    mark_unreferenced(c, set(held.values()) - set(sizes))
+
+
+def drop_reference(c: Connection, owner: tuple[str, object], kind: str | None = None) -> None:
     """Forget what `owner` refers to (one kind or all); mark files nobody needs as `deleting`."""
     mine = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
     if kind is not None:
         mine &= reference.c.kind == kind
-    if keep is not None:
-        mine &= reference.c.digest != keep
     digests = c.execute(sa.delete(reference).where(mine).returning(reference.c.digest)).scalars()
     mark_unreferenced(c, digests.all())
 
 
+def drop_attempts(c: Connection, tokens: Iterable[int]) -> None:
+    """Forget the chunk files of attempts."""
+    names = [str(token) for token in tokens]
+    mine = (reference.c.owner == "attempt") & reference.c.owner_id.in_(names)
+    digests = c.execute(sa.delete(reference).where(mine).returning(reference.c.digest)).scalars()
+    mark_unreferenced(c, digests.all())
+
+
+def discard(c: Connection, blobs: Iterable[Blob]) -> None:
+    """Hand files that nobody wants to the collector."""
+    for blob in blobs:
+        add_reference(c, ("orphan", blob.digest[:32]), "file", blob)
+        drop_reference(c, ("orphan", blob.digest[:32]))
+
+
 def mark_unreferenced(c: Connection, digests: Iterable[str]) -> None:
     """Mark those of `digests` as `deleting` that no reference names."""
-    for digest in digests:
-        wanted = sa.exists().where(reference.c.digest == digest)
-        c.execute(
-            sa.update(artifact).where(artifact.c.digest == digest, ~wanted).values(state="deleting")
-        )
+    if not (names := list(digests)):
+        return
+    wanted = sa.exists().where(reference.c.digest == artifact.c.digest)
+    mine = artifact.c.digest.in_(names)
+    c.execute(sa.update(artifact).where(mine, ~wanted).values(state="deleting"))
 
 
 def pending_deletions(c: Connection, limit: int = 1000) -> list[str]:

@@ -17,7 +17,7 @@ from sqlalchemy.engine import Connection
 
 from matiere.jobs.job import JsonDict
 from matiere.jobs.store.events import emit
-from matiere.jobs.store.files import Blob, add_reference, drop_reference
+from matiere.jobs.store.files import Blob, add_reference, discard, drop_attempts, drop_reference
 from matiere.jobs.store.jobs import LIVE, end_job, start_jobs
 from matiere.jobs.store.tables import attempt, chunk, film, instance, job
 
@@ -33,6 +33,7 @@ class WaitingJob:
     stop: JsonDict
     spp_cap: int
     prefix_spp_at_submit: int
+    sweep_id: str | None
 
 
 @dataclass(frozen=True)
@@ -119,15 +120,28 @@ def next_films(c: Connection, limit: int) -> list[int]:
 
 def waiting_jobs(c: Connection, film_id: int) -> list[WaitingJob]:
     """Return the live jobs that still want samples of a film, oldest first."""
+    return waiting_by_film(c, [film_id])[film_id]
+
+
+def waiting_by_film(c: Connection, film_ids: Sequence[int]) -> dict[int, list[WaitingJob]]:
+    """Return the live jobs that still want samples, oldest first, for each of the films."""
+    found: dict[int, list[WaitingJob]] = {film_id: [] for film_id in film_ids}
     rows = c.execute(
-        sa.select(job)
-        .where(job.c.film_id == film_id, job.c.state.in_(LIVE), job.c.ended_spp.is_(None))
+        sa.select(
+            job.c.film_id,
+            job.c.id,
+            job.c.priority,
+            job.c.stop,
+            job.c.spp_cap,
+            job.c.prefix_spp_at_submit,
+            job.c.sweep_id,
+        )
+        .where(job.c.film_id.in_(film_ids), job.c.state.in_(LIVE), job.c.ended_spp.is_(None))
         .order_by(job.c.id)
     )
-    return [
-        WaitingJob(r.id, r.priority, json.loads(r.stop), r.spp_cap, r.prefix_spp_at_submit)
-        for r in rows
-    ]
+    for film_id, job_id, priority, stop, *rest in rows:
+        found[film_id].append(WaitingJob(job_id, priority, json.loads(stop), *rest))
+    return found
 
 
 def load_film(c: Connection, film_id: int) -> FilmRow:
@@ -213,9 +227,7 @@ def complete(c: Connection, report: Report) -> bool:
             .where(film.c.id == report.film_id)
             .values(reports_superseded=film.c.reports_superseded + 1)
         )
-        owner = ("orphan", report.token)  # let the collector see the file
-        add_reference(c, owner, "chunks", report.blob)
-        drop_reference(c, owner)
+        discard(c, [report.blob])
         return False
     accepted = c.execute(sa.update(chunk).where(mine, chunk.c.state == CLAIMED).values(state=DONE))
     add_reference(c, ("attempt", report.token), "chunks", report.blob)
@@ -229,7 +241,7 @@ def complete(c: Connection, report: Report) -> bool:
         )
     )
     for waiting in waiting_jobs(c, report.film_id):
-        emit(c, "progress", job_id=waiting.id, chunks=accepted.rowcount)
+        emit(c, "progress", waiting.id, waiting.sweep_id, chunks=accepted.rowcount)
     return True
 
 
@@ -281,8 +293,7 @@ def discard_prefix(c: Connection, film_id: int) -> None:
     fresh = {"prefix_chunks": 0, "prefix_spp": 0, "pixel_samples": 0, "seconds": 0.0}
     c.execute(sa.update(film).where(film.c.id == film_id).values(fresh))
     done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
-    for token in c.execute(done.values(state="lost").returning(attempt.c.id)).scalars().all():
-        drop_reference(c, ("attempt", token))
+    drop_attempts(c, c.execute(done.values(state="lost").returning(attempt.c.id)).scalars().all())
     running = (attempt.c.film_id == film_id) & (attempt.c.state == "running")
     c.execute(sa.update(attempt).where(running).values(state="void"))
     c.execute(sa.delete(chunk).where(chunk.c.film_id == film_id))
@@ -314,7 +325,7 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
         _free_chunks(c, merged)
     for waiting in waiting_jobs(c, merged.film_id) if merged.prefix else []:
         facts = {k: merged.facts[k] for k in ("spp", "relmse", "lower", "upper")}
-        emit(c, "look", job_id=waiting.id, **facts)
+        emit(c, "look", waiting.id, waiting.sweep_id, **facts)
     prefix = merged.prefix or _stored_prefix(c, merged.film_id)
     for ended in merged.ended:
         end_job(c, ended["job_id"], ended, prefix)
@@ -343,8 +354,7 @@ def _free_chunks(c: Connection, merged: Merged) -> None:
     spent = tokens - beyond  # attempts whose every chunk is merged
     done = sa.update(attempt).where(attempt.c.id.in_(spent), attempt.c.state == "done")
     c.execute(done.values(state="merged"))
-    for token in spent:
-        drop_reference(c, ("attempt", token))
+    drop_attempts(c, spent)
 
 
 def drop_unmerged(c: Connection, film_id: int) -> None:
@@ -352,8 +362,8 @@ def drop_unmerged(c: Connection, film_id: int) -> None:
     if waiting_jobs(c, film_id):
         return
     done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
-    for token in c.execute(done.values(state="cancelled").returning(attempt.c.id)).scalars().all():
-        drop_reference(c, ("attempt", token))
+    tokens = c.execute(done.values(state="cancelled").returning(attempt.c.id)).scalars().all()
+    drop_attempts(c, tokens)
     c.execute(sa.delete(chunk).where(chunk.c.film_id == film_id))
     merged = sa.update(film).where(film.c.id == film_id)
     c.execute(merged.values(pixel_samples=film.c.width * film.c.height * film.c.prefix_spp))

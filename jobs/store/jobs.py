@@ -15,7 +15,13 @@ from uuid6 import uuid7
 from matiere.jobs.errors import IdempotencyConflict, JobNotFound
 from matiere.jobs.job import LIVE_STATES, JobError, JobState, JsonDict, check_transition
 from matiere.jobs.store.events import emit
-from matiere.jobs.store.files import Blob, add_reference, drop_reference
+from matiere.jobs.store.files import (
+    Blob,
+    add_reference,
+    add_references,
+    discard,
+    drop_reference,
+)
 from matiere.jobs.store.tables import film, idempotency, job, reference, sweep
 
 LIVE = [state.value for state in LIVE_STATES]
@@ -232,8 +238,7 @@ def _copy_results(c: Connection, job_id: str, film_id: int) -> None:
             reference.c.owner == "job", reference.c.owner_id == twin.id
         )
     ).all()
-    for kind, digest in files:
-        add_reference(c, ("job", job_id), kind, Blob(digest, 0))
+    add_references(c, ("job", job_id), {kind: Blob(digest, 0) for kind, digest in files})
     set_state(c, job_id, JobState.SUCCEEDED)
 
 
@@ -342,12 +347,9 @@ def finish_job(c: Connection, job_id: str, files: Mapping[str, Blob]) -> bool:
     """Attach the images and end the job as succeeded; false if it was cancelled meanwhile."""
     state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
     if state is None or JobState(state).final:
-        for blob in files.values():  # nobody wants them: let the collector see them
-            add_reference(c, ("orphan", job_id), "file", blob)
-            drop_reference(c, ("orphan", job_id))
+        discard(c, files.values())
         return False
-    for kind, blob in files.items():
-        add_reference(c, ("job", job_id), kind, blob)
+    add_references(c, ("job", job_id), files)
     drop_reference(c, ("job", job_id), "film")
     set_state(c, job_id, JobState.SUCCEEDED)
     return True
