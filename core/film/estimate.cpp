@@ -38,6 +38,29 @@ double log_average(const Film& film, WindowSums* sums = nullptr) {
     return n == 0 ? 0.0 : std::exp(sum / double(n));
 }
 
+/// Indices of pairs of pairs that share no replicate, inside each cyclic block of four neighbouring
+/// replicates: all three for R = 4, 3 R of them above.
+std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, int replicates) {
+    const auto& pairs = pixel.pairs();
+    const auto in_block = [&](int start, int r) {
+        return (r - start + replicates) % replicates < 4;
+    };
+    const auto share_a_block = [&](const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
+        for (int s = 0; s < replicates; ++s)
+            if (in_block(s, a.i) && in_block(s, a.j) && in_block(s, b.i) && in_block(s, b.j))
+                return true;
+        return false;
+    };
+    std::vector<std::array<std::size_t, 2>> result;
+    for (std::size_t p = 0; p < pairs.size(); ++p)
+        for (std::size_t q = p + 1; q < pairs.size(); ++q) {
+            const auto &a = pairs[p], &b = pairs[q];
+            const bool disjoint = a.i != b.i && a.i != b.j && a.j != b.i && a.j != b.j;
+            if (disjoint && share_a_block(a, b)) result.push_back({p, q});
+        }
+    return result;
+}
+
 /// The variance of D summed over pixels, and the sum of squares that tells how many carry it.
 class DifferenceVariance {
  public:
@@ -131,28 +154,6 @@ void set_interval(ErrorEstimate& e, double relative_variance, double effective_p
 }
 
 }  // namespace
-
-std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, int replicates) {
-    const auto& pairs = pixel.pairs();
-    const auto in_block = [&](int start, int r) {
-        return (r - start + replicates) % replicates < 4;
-    };
-    const auto share_a_block = [&](const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-        if (replicates <= 8) return true;
-        for (int s = 0; s < replicates; ++s)
-            if (in_block(s, a.i) && in_block(s, a.j) && in_block(s, b.i) && in_block(s, b.j))
-                return true;
-        return false;
-    };
-    std::vector<std::array<std::size_t, 2>> result;
-    for (std::size_t p = 0; p < pairs.size(); ++p)
-        for (std::size_t q = p + 1; q < pairs.size(); ++q) {
-            const auto &a = pairs[p], &b = pairs[q];
-            const bool disjoint = a.i != b.i && a.i != b.j && a.j != b.i && a.j != b.j;
-            if (disjoint && share_a_block(a, b)) result.push_back({p, q});
-        }
-    return result;
-}
 
 ErrorEstimate estimate_error(const Film& film) {
     ErrorEstimate e;

@@ -161,8 +161,4 @@ inline double covariance_product(const PixelPairs::Pair& a, const PixelPairs::Pa
     return 0.25 * dot * dot;
 }
 
-/// Indices of pairs of pairs that share no replicate. Up to R = 8 all of them; above, those inside
-/// each cyclic block of four neighbouring replicates, 3 R in all.
-std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, int replicates);
-
 }  // namespace matiere

@@ -16,13 +16,15 @@ class WindowSums {
     static constexpr std::size_t kC = 3;
 
     struct Window {
-        double n = 0.0;                       ///< pixels that exist
-        std::array<double, kC> mean{};        ///< sum over the window of the pixel means
-        std::array<double, kC> variance{};    ///< sum of their variances
+        double n = 0.0;                     ///< pixels that exist
+        std::array<double, kC> mean{};      ///< sum over the window of the pixel means
+        std::array<double, kC> variance{};  ///< sum of their variances
     };
 
     WindowSums(int width, int height)
-        : width_(width), height_(height), table_(std::size_t(width + 1) * std::size_t(height + 1)) {}
+        : width_(width),
+          height_(height),
+          table_(std::size_t(width + 1) * std::size_t(height + 1)) {}
 
     /// Rows are added in order, `rows` standing at row y.
     void add_row(const FilmRows& rows, int y) {
