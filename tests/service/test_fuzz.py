@@ -5,6 +5,7 @@ from __future__ import annotations
 import copy
 import json
 import random
+import time
 from collections import Counter
 from collections.abc import Iterator
 from typing import Any
@@ -81,8 +82,10 @@ def submissions(seed: int) -> Iterator[tuple[str, dict[str, Any]]]:
         yield address, body
 
 
-def test_no_change_makes_the_service_fail(queue: tuple[Engine, str]) -> None:
-    engine, url = queue
+def test_no_change_makes_the_service_fail(
+    queue: tuple[Engine, str], caplog: pytest.LogCaptureFixture
+) -> None:
+    _, url = queue
     seen: Counter[str] = Counter()
     with httpx.Client(base_url=url, timeout=60) as client:
         for _, (address, body) in zip(range(CASES), submissions(7), strict=False):
@@ -98,9 +101,14 @@ def test_no_change_makes_the_service_fail(queue: tuple[Engine, str]) -> None:
                 assert all(error["message"] for error in problem["errors"])
             else:
                 client.post(f"{answer.headers['location']}:cancel")
-        assert client.get("/readyz").status_code == 200
+        end = time.monotonic() + 60
+        while client.get("/readyz").status_code != 200:
+            assert time.monotonic() < end, client.get("/readyz").text
+            time.sleep(0.1)
     print(dict(seen))
     for address in ("/v1/jobs", "/v1/sweeps"):
         accepted, refused = seen[f"{address} 202"], seen[f"{address} 422"]
         assert accepted > 0.03 * (accepted + refused), "too few cases reach the queue"
-    assert engine.status()["counters"].get("children_started", 0) <= 3, "a child crashed"
+    # A busy child may be ended because it reacts to `cancel` too slowly; it must never crash.
+    ended = [r.getMessage() for r in caplog.records if "(pid " in r.getMessage()]
+    assert all("killed by the service" in text for text in ended), ended
