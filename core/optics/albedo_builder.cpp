@@ -1,40 +1,39 @@
 #include "optics/albedo_builder.h"
 
-#include <array>
 #include <cmath>
+#include <vector>
 
 namespace matiere {
 namespace {
 
-template <int N>
 struct GaussLegendre {
-    std::array<double, N> x{}, w{};  ///< nodes in (0, 1), weights sum to 1
+    std::vector<double> x, w;  ///< nodes in (0, 1), weights sum to 1
 
-    GaussLegendre() {
-        for (int i = 0; i < N; ++i) {
-            double t = std::cos(kPi<double> * (i + 0.75) / (N + 0.5));
+    explicit GaussLegendre(int n) {
+        for (int i = 0; i < n; ++i) {
+            double t = std::cos(kPi<double> * (i + 0.75) / (n + 0.5));
             double slope = 1.0;
             for (int step = 0; step < 50; ++step) {
                 double p0 = 1.0, p1 = t;
-                for (int k = 2; k <= N; ++k) {
+                for (int k = 2; k <= n; ++k) {
                     const double p2 = ((2.0 * k - 1.0) * t * p1 - (k - 1.0) * p0) / k;
                     p0 = p1;
                     p1 = p2;
                 }
-                slope = N * (t * p1 - p0) / (t * t - 1.0);
+                slope = n * (t * p1 - p0) / (t * t - 1.0);
                 const double move = p1 / slope;
                 t -= move;
                 if (std::abs(move) < 1e-15) break;
             }
-            x[std::size_t(i)] = 0.5 * (1.0 - t);
-            w[std::size_t(i)] = 1.0 / ((1.0 - t * t) * slope * slope);
+            x.push_back(0.5 * (1.0 - t));
+            w.push_back(1.0 / ((1.0 - t * t) * slope * slope));
         }
     }
 };
 
 /// How the facets are visited: in proportion to what a viewer sees of a GGX surface of the same
-/// widths (no other distribution has heavier tails), or, for V-cavities, whose masking has kinks
-/// in azimuth that the visible normals of Smith do not follow, to D cos.
+/// widths (no other distribution has heavier tails) and would see reflected above the horizon; or,
+/// for V-cavities, whose masking has kinks that visible normals of Smith do not follow, to D cos.
 struct FacetGrid {
     const Microfacet<double>& surface;
     Microfacet<double> ggx;
@@ -48,8 +47,9 @@ struct FacetGrid {
     bool cavity() const { return surface.masking == Masking::kVCavity; }
 
     Vec3d facet(double u1, double u2) const {
-        const Vec3d from = cavity() ? Vec3d{0.0, 0.0, 1.0} : wo;  // at the zenith: D cos
-        return ggx.sample_visible(from, {0.0, u1, u2}).h;
+        const Vec3d zenith{0.0, 0.0, 1.0};
+        if (cavity()) return ggx.sample_visible(zenith, {0.0, u1, u2}).h;
+        return ggx.sample_for_reflection(wo, {0.0, u1, u2});
     }
 
     /// What the facet h reflects, over the density of visiting it.
@@ -58,7 +58,8 @@ struct FacetGrid {
         if (!(oh > 0.0)) return {};
         const Vec3d wi = reflect(wo, h);
         if (!(wi.z > 0.0)) return {};
-        const double density = ggx.D(h) * (cavity() ? h.z : ggx.visible_over_D(wo, h));
+        const double over_D = cavity() ? h.z : 4.0 * oh * ggx.reflection_pdf_over_D(wo, h);
+        const double density = ggx.D(h) * over_D;
         const double reflected = surface.D(h) * surface.reflection_visibility(wo, wi, h) * oh;
         return reflectance(oh) * (reflected / density);
     }
@@ -69,14 +70,19 @@ struct FacetGrid {
 Spectrumd directional_albedo(const Microfacet<double>& surface, Vec3d wo,
                              const FacetReflectance& reflectance) {
     if (surface.is_delta()) return reflectance(wo.z);
-    constexpr int kHeights = 48;
-    static const GaussLegendre<kHeights> nodes;
+    // Errors against 300 x 600 nodes: 3e-4 for Smith, 6e-4 for V-cavities.
+    static const GaussLegendre smith(32), cavities(48);
+    // A round surface looks the same from every azimuth, and left and right of the view.
+    const bool round = !surface.is_anisotropic();
+    if (round) wo = {std::sqrt(wo.x * wo.x + wo.y * wo.y), 0.0, wo.z};
     const FacetGrid grid(surface, wo);
-    const int azimuths = grid.cavity() ? 384 : 48;
+    const GaussLegendre& nodes = grid.cavity() ? cavities : smith;
+    const int full = grid.cavity() ? 384 : 96;
+    const int azimuths = round ? full / 2 : full;
     Spectrumd sum;
     for (int j = 0; j < azimuths; ++j)
-        for (std::size_t i = 0; i < kHeights; ++i) {
-            const Vec3d h = grid.facet((j + 0.5) / azimuths, nodes.x[i]);
+        for (std::size_t i = 0; i < nodes.x.size(); ++i) {
+            const Vec3d h = grid.facet((j + 0.5) / full, nodes.x[i]);
             sum += grid.value(h, reflectance) * nodes.w[i];
         }
     return sum * (1.0 / azimuths);
@@ -85,7 +91,7 @@ Spectrumd directional_albedo(const Microfacet<double>& surface, Vec3d wo,
 Spectrumd cosine_average(const FacetReflectance& f) {
     // mu = t^2 gathers nodes at grazing, where Fresnel reflectance bends.
     constexpr int kPanels = 32;
-    static const GaussLegendre<8> nodes;
+    static const GaussLegendre nodes(8);
     Spectrumd sum;
     for (int p = 0; p < kPanels; ++p)
         for (std::size_t i = 0; i < 8; ++i) {

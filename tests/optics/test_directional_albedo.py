@@ -48,6 +48,23 @@ def test_lookups_are_within_a_thousandth_of_quadrature(
     assert gap.max() <= 1e-3, (cosines[worst], direct[worst], looked_up[worst])
 
 
+@pytest.mark.parametrize("alpha", [1e-3, 0.03, 0.1, 0.3, 1.0])
+@pytest.mark.parametrize("distribution", [GGX, BECKMANN])
+@pytest.mark.parametrize("masking", [SMITH, SEPARABLE, V_CAVITY])
+def test_lookups_agree_with_the_sampler(alpha: float, distribution: int, masking: int) -> None:
+    shape = {
+        "alpha": alpha,
+        "distribution": ("ggx", "beckmann")[distribution],
+        "masking": ("smith", "smith_separable", "v_cavity")[masking],
+    }
+    cosines = np.array([0.01, 0.1, 0.4, 0.8, 1.0])
+    wo = np.stack([np.sqrt(1 - cosines**2), 0 * cosines, cosines], axis=1)
+    _, looked_up, _ = _core.probe.albedo_table(alpha, distribution, masking, cosines)
+    sampled = _core.Bsdf("cook_torrance", {"F0": 1.0, **shape}, "double").albedo(wo, n=1 << 15)
+    gap = np.abs(sampled[:, 0] - looked_up[:, 0])
+    assert gap.max() <= 1e-3, (gap, sampled[:, 0])
+
+
 def test_a_smooth_surface_averages_schlick_in_closed_form() -> None:
     _, _, average = _core.probe.albedo_table(0.0, GGX, SMITH, COSINES)
     assert average == pytest.approx((1, 1 / 21, 1 / 126), abs=1e-5)
