@@ -2,7 +2,8 @@
 
 A render child renders claims; the utility child is the same program asked other verbs. It never
 opens the database. It ends at once when its control pipe closes, so a killed service leaves no
-orphan. Requests: `{"op": "render"|"merge"|"images"|"sheet"|"cancel"|"ping", "token": n, ...}`;
+orphan. Requests: `{"op": "render"|"check"|"merge"|"images"|"sheet", "token": n, ...}`,
+`{"op": "cancel"|"ping", ...}`;
 reports: `{"op": "hello"|"pong"|"done"|"failed"|"cancelled", "token": n, ...}`.
 """
 
@@ -138,6 +139,8 @@ class Child:
             return answer
         if request["op"] == "merge":
             return merge.merge(self.work, request, self.folder)
+        if request["op"] == "check":
+            return utility.check(self.work, request)
         if request["op"] == "images":
             return utility.make_images(self.work, request, self.folder)
         if request["op"] == "sheet":

@@ -116,7 +116,6 @@ class Engine:
         self._closed, self._version = False, 0
         self._changed = threading.Condition()
         module = importlib.import_module(options.work)
-        self._submitter = Submitter(data, module, max_film_bytes)
         self._db.on_commit = self._notify
         #: What the last instance left: claims and chunks voided, chunks present (done, unmerged),
         #: films begun, and the chunks these still miss to the end of their spp.
@@ -125,6 +124,7 @@ class Engine:
         )
         self.resumed |= self._begun(module)
         self._scheduler = Scheduler(database, data, options, module)
+        self._submitter = Submitter(data, module, max_film_bytes, self._scheduler.check_files)
         self._scheduler.start()
         threading.Thread(
             target=self._sweep_leftovers, args=(time.time(),), name="matiere-janitor", daemon=True

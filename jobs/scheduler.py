@@ -27,7 +27,7 @@ from matiere.jobs.store import files, films, jobs
 from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
-from matiere.jobs.utility_queue import UtilityQueue
+from matiere.jobs.utility_queue import Question, UtilityQueue
 
 log = logging.getLogger("matiere.jobs.scheduler")
 
@@ -37,6 +37,7 @@ LEAST_CLAIM_S = 0.1  # the tail of a film is shared out, but not in smaller piec
 FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
 PIPELINE = 2  # claims a child may hold: one at work, one waiting
 MOST_CHUNKS = 4096  # of one claim
+CHECK_S = 10.0  # a submission waits so long for its files to be read
 MAX_TRIES = 3
 MAX_LOSSES = 20
 TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
@@ -95,7 +96,7 @@ class Scheduler(threading.Thread):
         """Prepare; `start` begins."""
         super().__init__(name="matiere-scheduler", daemon=True)
         self.db, self.data, self.options, self.work = database, data, options, work
-        self.inbox: queue.SimpleQueue[Message | None] = queue.SimpleQueue()
+        self.inbox: queue.SimpleQueue[Message | Question | None] = queue.SimpleQueue()
         self.health = Health()
         self.films: dict[int, FilmWork] = {}
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
@@ -112,6 +113,20 @@ class Scheduler(threading.Thread):
         """Say that jobs were submitted or cancelled."""
         self._dirty = True
         self.inbox.put(None)
+
+    def check_files(self, scene: JsonDict, assets: JsonDict) -> list[JsonDict]:
+        """Have the utility child read a scene's files; return the faults it finds.
+
+        When it has no time within a few seconds the answer is empty: whatever is wrong then fails
+        the job later, with the same pointer.
+        """
+        question = Question(scene, assets)
+        self.inbox.put(question)
+        try:
+            return question.answer.result(CHECK_S)
+        except TimeoutError:
+            question.answer.cancel()
+            return []
 
     def stop(self) -> None:
         """End the thread and its children."""
@@ -168,7 +183,9 @@ class Scheduler(threading.Thread):
         with contextlib.suppress(queue.Empty):
             item = self.inbox.get(timeout=TICK_S)
             while True:
-                if item is not None:
+                if isinstance(item, Question):
+                    self.utility.add_check(item)
+                elif item is not None:
                     waiting.append(item)
                 item = self.inbox.get_nowait()
         for place, message in enumerate(waiting):

@@ -1,10 +1,13 @@
-"""From a request to rows: check the scene, pin its files, key its film. Touches no pixels."""
+"""From a request to rows: check the scene, pin its files, key its film. Touches no pixels:
+
+meshes and images are read by the utility child, once for each set of files.
+"""
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -17,6 +20,9 @@ from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
 
 STOP_KEYS = ("spp", "seconds", "target_error")
 MAX_FAULTS = 100
+MAX_REMEMBERED = 10_000
+
+FileCheck = Callable[[JsonDict, JsonDict], list[JsonDict]]
 
 
 @dataclass(frozen=True)
@@ -32,9 +38,13 @@ class Request:
 class Submitter:
     """Makes JobSpecs of scenes with the engine's work module."""
 
-    def __init__(self, data: DataDir, work: Any, max_film_bytes: int) -> None:
+    def __init__(
+        self, data: DataDir, work: Any, max_film_bytes: int, check_files: FileCheck
+    ) -> None:
         """Check scenes against `data`'s assets; refuse films larger than `max_film_bytes`."""
         self._data, self._work, self._max_film_bytes = data, work, max_film_bytes
+        self._check_files = check_files
+        self._good_files: set[str] = set()  # keys of file sets that were read without a fault
 
     def job(self, scene: Mapping[str, Any], request: Request) -> JobSpec:
         """Return the rows of one job. Raises SceneValidationError or AssetMissing."""
@@ -102,11 +112,13 @@ class Submitter:
                 f"this service allows {self._max_film_bytes / 2**30:.1f} GiB"
             )
             raise SceneValidationError([Fault("/film", "memory_limit", why)])
+        assets = {"root": str(files.root), "pins": facts["pins"]}
+        self._read_files(facts, assets)
         film = FilmSpec(
             film_key=facts["film_key"],
             geometry_key=facts["geometry_key"],
             scene=facts["scene"],
-            assets={"root": str(files.root), "pins": facts["pins"]},
+            assets=assets,
             width=facts["width"],
             height=facts["height"],
             replicates=facts["replicates"],
@@ -123,6 +135,18 @@ class Submitter:
             cell=cell,
             parameters=parameters or {},
         )
+
+    def _read_files(self, facts: JsonDict, assets: JsonDict) -> None:
+        key = facts["files_key"]
+        if key in self._good_files:
+            return
+        if faults := self._check_files(facts["scene"], assets):
+            raise SceneValidationError(
+                Fault(f["pointer"], f["code"], f["message"], f.get("suggestion")) for f in faults
+            )
+        if len(self._good_files) > MAX_REMEMBERED:
+            self._good_files.clear()
+        self._good_files.add(key)
 
 
 def body_hash(*parts: Any) -> str:

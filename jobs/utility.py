@@ -1,4 +1,4 @@
-"""What the utility child does beside merging: images of a finished job, contact sheets."""
+"""What the utility child does beside merging: file checks, images of a job, contact sheets."""
 
 from __future__ import annotations
 
@@ -6,6 +6,12 @@ from typing import Any
 
 from matiere.jobs.artifacts import ArtifactFolder, unpack
 from matiere.jobs.job import JsonDict
+
+
+def check(work: Any, request: JsonDict) -> JsonDict:
+    """Read what a scene refers to before it is queued; raises what is wrong with it."""
+    work.check_files(request["scene"], request["assets"])
+    return {}
 
 
 def make_images(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:

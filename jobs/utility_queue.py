@@ -1,7 +1,8 @@
-"""Work for the utility child: merges first, then images of ended jobs, then contact sheets.
+"""Work for the utility child: file checks, merges, images of ended jobs, contact sheets.
 
-The tasks follow from the database (jobs whose samples are complete, sweeps whose cells have ended),
-so a restart finds them again. One task runs at a time; one that kills its child is tried again.
+All but the checks follow from the database (jobs whose samples are complete, sweeps whose cells
+have ended), so a restart finds them again. One task runs at a time; one that kills its child, or
+takes too long, is tried again a few times.
 """
 
 from __future__ import annotations
@@ -10,7 +11,8 @@ import heapq
 import itertools
 import logging
 from collections.abc import Callable
-from dataclasses import dataclass
+from concurrent.futures import Future
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from matiere.jobs.film_work import FilmWork
@@ -24,10 +26,30 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("matiere.jobs.utility")
 
-MERGE, IMAGES, SHEET = 0, 1, 2
-NAMES = {MERGE: "merge", IMAGES: "images", SHEET: "sheet"}
-WORDS = {MERGE: "merge its chunks", IMAGES: "make its images", SHEET: "draw its contact sheet"}
+CHECK, MERGE, IMAGES, SHEET = 0, 1, 2, 3
+NAMES = {CHECK: "check", MERGE: "merge", IMAGES: "images", SHEET: "sheet"}
+WORDS = {
+    CHECK: "read its files",
+    MERGE: "merge its chunks",
+    IMAGES: "make its images",
+    SHEET: "draw its contact sheet",
+}
 MAX_TRIES = 3
+LIMIT_S = {CHECK: 30.0, MERGE: 3600.0, IMAGES: 900.0, SHEET: 900.0}
+
+
+@dataclass(frozen=True)
+class Question:
+    """A scene whose files somebody waits to have checked; the answer is a list of faults."""
+
+    scene: JsonDict
+    assets: JsonDict
+    answer: Future[list[JsonDict]] = field(default_factory=Future)
+
+    def reply(self, faults: list[JsonDict]) -> None:
+        """Answer, if anybody still waits."""
+        if self.answer.set_running_or_notify_cancel():
+            self.answer.set_result(faults)
 
 
 @dataclass
@@ -39,6 +61,7 @@ class Task:
     request: Callable[[], JsonDict | None]  # None: no longer wanted
     tries: int = 0
     old_chunks: int = 0  # merges: the prefix the request starts from
+    question: Question | None = None  # checks: who asked
     seen: tuple[str, ...] = ()  # merges: jobs whose stop rules the request holds
 
 
@@ -54,6 +77,7 @@ class UtilityQueue:
         self._tokens = itertools.count(1)
         self._known: set[tuple[int, int | str]] = set()
         self._current: tuple[int, Task] | None = None
+        self._started, self._over_limit = 0.0, False
 
     @property
     def busy(self) -> bool:
@@ -66,6 +90,11 @@ class UtilityQueue:
         return len(self._heap)
 
     # -- asking ---------------------------------------------------------------------------------
+    def add_check(self, question: Question) -> None:
+        """Check the files of a scene before anything else."""
+        request = {"scene": question.scene, "assets": question.assets}
+        self._add(Task(CHECK, id(question), lambda: request, question=question))
+
     def add_merge(self, film: FilmWork) -> None:
         """Ask for a merge of what the film has when its turn comes."""
         task = Task(MERGE, film.id, film.merge_request)
@@ -90,7 +119,12 @@ class UtilityQueue:
     def dispatch(self, now: float) -> None:
         """Give the next task to the idle child."""
         child = self.slot.child
-        if self._current is not None or child is None or not child.ready:
+        if child is None or not child.ready:
+            return
+        if self._current is not None:
+            if now - self._started > LIMIT_S[self._current[1].kind] and not self._over_limit:
+                self._over_limit = True
+                child.kill()
             return
         if self._scheduler.disk_paused(now):
             return
@@ -105,7 +139,7 @@ class UtilityQueue:
                 continue
             task.seen = tuple(job["id"] for job in request.get("jobs", ()))
             token = next(self._tokens)
-            self._current = (token, task)
+            self._current, self._started = (token, task), now
             child.send(NAMES[task.kind], token=token, **request)
             return
 
@@ -119,16 +153,25 @@ class UtilityQueue:
             return
         task = self._current[1]
         if body["op"] == "done":
-            handler = {MERGE: self._merged, IMAGES: self._developed, SHEET: self._drawn}
+            handler = {
+                CHECK: self._checked,
+                MERGE: self._merged,
+                IMAGES: self._developed,
+                SHEET: self._drawn,
+            }
             if not handler[task.kind](task, body):
                 self._again(task, "file_missing", "a file that was just written is gone", "")
                 return
             self._finish(task)
             self.slot.failures = 0
+        elif task.question is not None and body["permanent"]:
+            self._finish(task)
+            fault = {"pointer": body["pointer"], "code": body["error"], "message": body["message"]}
+            task.question.reply(body["faults"] or [fault])
         elif body["error"] == "disk_full":
             self._requeue(task)
             self._scheduler.pause_for_disk(body["message"])
-        elif body["error"] == "damaged_file" and task.kind != SHEET:
+        elif body["error"] == "damaged_file" and task.kind in (MERGE, IMAGES):
             self._finish(task)
             self._render_again(task, body)
         elif body["permanent"]:
@@ -160,6 +203,9 @@ class UtilityQueue:
             if (film := self._scheduler.films.get(int(task.key))) is not None:
                 film.merging = False
             self._scheduler.fail_film(int(task.key), error)
+        elif task.question is not None:  # a file that kills its reader
+            fault = {"pointer": "", "code": error.code, "message": error.message}
+            task.question.reply([fault])
         elif task.kind == IMAGES:
             db.write(lambda c: jobs.fail_job(c, str(task.key), error))
         else:
@@ -181,9 +227,20 @@ class UtilityQueue:
             self._scheduler.health.stuck = f"the utility child does not start; see {where}"
         self._scheduler.retire(self.slot)
         if self._current is not None:
-            task = self._current[1]
+            task, limit = self._current[1], LIMIT_S[self._current[1].kind]
+            if self._over_limit:
+                kind, words = "time_limit", f"took longer than {limit:.0f} s"
+            self._over_limit = False
             task.tries -= kind == "lost"  # not the task's fault
-            self._again(task, kind, words, tail)
+            if task.question is not None and task.question.answer.cancelled():
+                self._finish(task)
+            else:
+                self._again(task, kind, words, tail)
+
+    def _checked(self, task: Task, body: JsonDict) -> bool:
+        assert task.question is not None
+        task.question.reply([])
+        return True
 
     # -- merges ---------------------------------------------------------------------------------
     def _merged(self, task: Task, body: JsonDict) -> bool:

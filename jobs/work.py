@@ -63,10 +63,12 @@ def inspect(scene: Mapping[str, Any], files: AssetRoot) -> JsonDict:
     for key in STOP_KEYS:
         document.get("render", {}).pop(key, None)
     pins = dict(checked.assets)
-    shapes = json.dumps([document.get("shapes"), sorted(pins.items())], sort_keys=True)
+    shapes = [document.get("shapes"), sorted(pins.items())]
+    images = [document.get("textures"), document.get("environment"), _texture_uses(document)]
     return {
         "film_key": film_key(checked),
-        "geometry_key": hashlib.sha256(shapes.encode()).hexdigest(),
+        "geometry_key": _digest(shapes),
+        "files_key": _digest([*shapes, *images]),
         "scene": document,
         "pins": pins,
         "width": width,
@@ -75,6 +77,26 @@ def inspect(scene: Mapping[str, Any], files: AssetRoot) -> JsonDict:
         "stop": chunks.stop_rule(model),
         "output": output,
     }
+
+
+def _texture_uses(document: Mapping[str, Any]) -> list[tuple[str, str, str]]:
+    return [
+        (material, parameter, value["texture"])
+        for material, parameters in document.get("materials", {}).items()
+        for parameter, value in parameters.items()
+        if isinstance(value, Mapping) and "texture" in value
+    ]
+
+
+def _digest(value: Any) -> str:
+    return hashlib.sha256(json.dumps(value, sort_keys=True).encode()).hexdigest()
+
+
+def check_files(scene: Mapping[str, Any], assets: Mapping[str, Any]) -> None:
+    """Read a scene's meshes and images (in the utility child). Raises SceneValidationError."""
+    from matiere.scene.load import load
+
+    load(scene, asset_root=assets["root"], pins=assets["pins"]).flatten()
 
 
 # -- rendering (in a render child) --------------------------------------------------------------

@@ -94,8 +94,18 @@ def inspect(scene: JsonDict, files: Folder) -> JsonDict:
     core["seed"] = render.get("seed", 0)
     key = hashlib.sha256(json.dumps([core, pins], sort_keys=True).encode()).hexdigest()
     return {"film_key": key, "geometry_key": str(scene.get("geometry", "")), "scene": core,
+            "files_key": str([pins, scene.get("mesh")]),
             "pins": pins, "width": scene["width"], "height": scene["height"], "replicates": 2,
             "stop": stop, "output": scene.get("output", {})}  # fmt: skip
+
+
+def check_files(scene: JsonDict, assets: JsonDict) -> None:
+    if scene.get("mesh") == "broken":
+        raise SceneValidationError([Fault("/mesh", "asset_unreadable", "not a mesh")])
+    if scene.get("mesh") == "crash":
+        os.kill(os.getpid(), signal.SIGSEGV)
+    if scene.get("mesh") == "endless":
+        time.sleep(1e6)
 
 
 def _sha(path: Path) -> str:

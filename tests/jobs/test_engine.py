@@ -226,6 +226,31 @@ def test_a_bad_scene_is_refused_and_leaves_nothing(engine: Engine) -> None:
     assert engine.list_jobs() == []
 
 
+def test_files_are_read_before_a_job_is_accepted(engine: Engine) -> None:
+    with pytest.raises(SceneValidationError) as caught:
+        engine.submit_job(SCENE | {"mesh": "broken"})
+    assert [(f.pointer, f.code) for f in caught.value.faults] == [("/mesh", "asset_unreadable")]
+    with pytest.raises(SceneValidationError, match="3 attempts to read its files"):
+        engine.submit_job(SCENE | {"mesh": "crash"})
+    axes = [{"pointer": "/mesh", "values": ["good", "broken"]}]
+    with pytest.raises(SceneValidationError) as caught:
+        engine.submit_sweep(SCENE, axes)
+    assert [f.pointer for f in caught.value.faults] == ["/axes/0/values/1"]
+    assert engine.list_jobs() == []
+
+
+def test_an_endless_reader_holds_up_neither_submissions_nor_other_jobs(
+    engine: Engine, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from matiere.jobs import utility_queue
+
+    monkeypatch.setattr("matiere.jobs.scheduler.CHECK_S", 0.3)
+    monkeypatch.setitem(utility_queue.LIMIT_S, utility_queue.CHECK, 1.0)
+    job = engine.submit_job(SCENE | {"mesh": "endless"})
+    assert engine.wait_job(job.id, 30).state == "succeeded", "the stand-in renders without it"
+    assert engine.status()["counters"]["children_lost"] == 1
+
+
 def test_a_film_above_the_memory_limit_is_refused(tmp_path: Path) -> None:
     with open_engine(tmp_path, children=1, max_film_bytes=10_000, **FAKE) as engine:
         with pytest.raises(SceneValidationError, match="GiB") as caught:

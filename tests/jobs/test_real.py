@@ -202,14 +202,18 @@ def test_uploaded_assets_are_pinned_and_used(tmp_path: Path) -> None:
         assert caught.value.faults[0].code == "asset_outside_root"
 
 
-def test_a_scene_that_cannot_be_built_fails_once_with_its_pointer(tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_read_is_refused_with_its_pointer(tmp_path: Path) -> None:
     (tmp_path / "data" / "assets").mkdir(parents=True)
     (tmp_path / "data" / "assets" / "bad.ply").write_bytes(b"not a mesh")
+    (tmp_path / "data" / "assets" / "bad.hdr").write_bytes(b"#?RADIANCE\nnot an image")
     mesh = {"type": "mesh", "file": "bad.ply", "material": "ball"}
+    bad = SCENE | {"shapes": [mesh], "environment": {"file": "bad.hdr"}}
     with open_engine(tmp_path / "data", children=1, **OPTIONS) as engine:
-        job = engine.wait_job(engine.submit_job(SCENE | {"shapes": [mesh]}).id, 60)
-        assert job.error is not None
-        assert (job.state, job.error.pointer) == ("failed", "/shapes/0/file")
+        with pytest.raises(SceneValidationError) as caught:
+            engine.submit_job(bad)
+        pointers = {fault.pointer for fault in caught.value.faults}
+        assert pointers == {"/shapes/0/file", "/environment/file"}
+        assert engine.list_jobs() == []
         assert engine.status()["counters"].get("children_lost", 0) == 0
 
 
