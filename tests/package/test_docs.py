@@ -167,6 +167,12 @@ def test_links_and_pictures_exist(page: Path) -> None:
             assert path.exists(), f"{page.name}: {target}"
 
 
+def test_the_index_lists_every_page() -> None:
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    for page in (ROOT / "docs").glob("*.*"):
+        assert page.name == "index.md" or f"]({page.name})" in index, page.name
+
+
 def test_readme_begins_with_a_picture_of_modest_size() -> None:
     text = (ROOT / "README.md").read_text(encoding="utf-8")
     picture = re.search(r"!\[[^\]]+\]\(([^)]+)\)", text)
