@@ -16,6 +16,8 @@ import psutil
 import pytest
 from serving import command, serve
 
+from matiere.service.cli import main
+
 QUICK_SCENE = {"width": 16, "height": 16, "value": 0.5, "render": {"spp": 16}}
 
 
@@ -56,30 +58,38 @@ def test_a_second_serve_names_url_and_pid(tmp_path: Path) -> None:
         assert httpx.get(first.url + "/readyz").status_code == 200
 
 
-def test_a_busy_port_is_said_with_its_holder(tmp_path: Path) -> None:
+def refused(capsys: pytest.CaptureFixture[str], *arguments: object) -> str:
+    """Run `matiere serve` here, which must refuse; return what it said."""
+    with pytest.raises(SystemExit) as end:
+        main(["serve", *map(str, arguments)])
+    assert end.value.code == 2
+    return capsys.readouterr().err
+
+
+def test_a_busy_port_is_said_with_its_holder(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
     with socket.create_server(("127.0.0.1", 0)) as holder:
         port = holder.getsockname()[1]
-        with command("serve", "--data", tmp_path / "data", "--port", port) as serving:
-            said = serving.output()
-            assert serving.process.wait(10) == 2
+        said = refused(capsys, "--data", tmp_path / "data", "--port", port)
     assert f"port {port}" in said and f"process {os.getpid()}" in said and "--port 0" in said
     assert not (tmp_path / "data").exists()
 
 
 @pytest.mark.parametrize("host", ["0.0.0.0", "192.0.2.1", "::", "example.org"])
-def test_only_loopback_is_served(tmp_path: Path, host: str) -> None:
-    with command("serve", "--data", tmp_path / "data", "--host", host) as serving:
-        said = serving.output()
-        assert serving.process.wait(10) == 2
+def test_only_loopback_is_served(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], host: str
+) -> None:
+    said = refused(capsys, "--data", tmp_path / "data", "--host", host)
     assert host in said and "loopback" in said and "ssh -L" in said
     assert not (tmp_path / "data").exists()
 
 
-def test_a_bad_setting_names_its_origin(tmp_path: Path) -> None:
-    environ = {"MATIERE_CHILDREN": "many"}
-    with command("serve", "--data", tmp_path / "data", environ=environ) as serving:
-        said = serving.output()
-        assert serving.process.wait(10) == 2
+def test_a_bad_setting_names_its_origin(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MATIERE_CHILDREN", "many")
+    said = refused(capsys, "--data", tmp_path / "data")
     assert "environment MATIERE_CHILDREN" in said
     assert not (tmp_path / "data").exists()
 
