@@ -6,6 +6,7 @@ The line is: wall seconds, CPU seconds, peak memory in KiB, object file; tab-sep
 import os
 import sys
 import time
+from pathlib import Path
 
 
 def main() -> None:
@@ -18,7 +19,7 @@ def main() -> None:
     target = command[command.index("-o") + 1] if named else command[-1]
     cpu_s = usage.ru_utime + usage.ru_stime
     line = f"{time.monotonic() - begun:.2f}\t{cpu_s:.2f}\t{usage.ru_maxrss}\t{target}\n"
-    with open(log, "a", encoding="utf-8") as file:
+    with Path(log).open("a", encoding="utf-8") as file:
         file.write(line)
     sys.exit(os.waitstatus_to_exitcode(status))
 

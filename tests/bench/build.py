@@ -39,7 +39,8 @@ def main() -> int:
         units.append((float(cpu), float(wall), int(kilobytes) / 2**20, short))
     units.sort(reverse=True)
     print(
-        f"{len(units)} commands, {total_s:.0f} s at -j{JOBS}, {sum(u[0] for u in units):.0f} s of CPU"
+        f"{len(units)} commands, {total_s:.0f} s at -j{JOBS},"
+        f" {sum(unit[0] for unit in units):.0f} s of CPU"
     )
     print(f"{'CPU s':>7} {'wall s':>7} {'GiB':>6}  unit")
     for cpu_s, wall_s, gigabytes, name in units[:SHOWN]:
