@@ -12,10 +12,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from demo_sweep import MATERIALS, Study
+from demo_sweep import MATERIALS, ROUGHNESS, Study
 
 from matiere.service.client import JobStatus
 
+ROWS = len(ROUGHNESS)
 COLORS = ("#b8860b", "#b5532a", "#6b7280", "#c0262d", "#12868c", "#2f8f46")
 STYLE = """body{font:15px/1.5 system-ui,sans-serif;margin:2rem auto;max-width:75rem;padding:0 1rem;
 background:#1b1c1f;color:#e4e4e0}img{max-width:100%}a{color:#8ec5ff}table{border-collapse:collapse}
@@ -101,7 +102,7 @@ def plot_error(study: Study, cells: Sequence[Cell], path: Path) -> Path:
             linewidth=1.2,
             marker=".",
             markersize=3,
-            label=MATERIALS[column][0] if row == 0 else None,
+            label=MATERIALS[column][0] if row == ROWS - 1 else None,
         )
     guide(axes, cells)
     axes.set(xscale="log", yscale="log", title=f"{study.title}: error against render time")

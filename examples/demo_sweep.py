@@ -163,9 +163,9 @@ def scene(
         "materials": {
             "ball": {"type": "conductor", "metal": "Au", "alpha": 0.1},
             "core": {"type": "lambert", "albedo": [0.4, 0.4, 0.4]},
-            "base": {"type": "lambert", "albedo": [0.16, 0.16, 0.165]},
-            "ground": {"type": "lambert", "albedo": [0.42, 0.42, 0.42]},
-            "tile": {"type": "lambert", "albedo": [0.31, 0.31, 0.315]},
+            "base": {"type": "lambert", "albedo": [0.13, 0.13, 0.135]},
+            "ground": {"type": "lambert", "albedo": [0.33, 0.33, 0.33]},
+            "tile": {"type": "lambert", "albedo": [0.23, 0.23, 0.235]},
         },
         "shapes": [{"type": "mesh", **shape} for shape in shapes],
         "environment": {"file": file},

@@ -52,7 +52,7 @@ BOXES = (
     SoftBox((-2.6, 1.7, -3.0), 0.9, 2.4, 3400.0, 5.0),  # rim: behind left, warm
     SoftBox((0.5, 2.2, 4.6), 5.2, 3.4, 4600.0, 1.5),  # fill: large and weak, behind the camera
 )
-SUN = Sun((0.62, 0.70, 0.36), 2.6, 5600.0, 60.0)
+SUN = Sun((0.62, 0.70, 0.36), 3.0, 5600.0, 42.0)
 SKY = ((0.0, 0.55), (0.45, 0.36), (0.52, 0.20), (1.0, 0.06))  # (v, radiance), bluish grey
 SKY_KELVIN = 8000.0
 DATED = {"DateTime": "2000:01:01 00:00:00"}  # the same bytes every time: a digest names the file
