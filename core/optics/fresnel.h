@@ -22,9 +22,9 @@ struct FresnelTerms {
     R cos_theta_t{};    ///< >= 0; 0 beyond the critical angle
 };
 
-/// 1 - F from both cosines: c on the incident side, g = eta times the cosine on the transmitted side.
-/// Where both directions are known this keeps its digits at the critical angle, which a root of
-/// eta^2 - 1 + c^2 does not.
+/// 1 - F from both cosines: c on the incident side, g = eta times the cosine on the transmitted
+/// side. Where both directions are known this keeps its digits at the critical angle, which a root
+/// of eta^2 - 1 + c^2 does not.
 template <class R>
 inline R dielectric_transmittance(R c, R g, R eta) {
     const R eta2 = eta * eta;

@@ -120,7 +120,8 @@ struct Dielectric {
 
     double e() const { return (double(eta) - 1.0) * (double(eta) + 1.0); }
 
-    /// dw_h / dw_i of a refraction: |i.h| / (i.h + o.h / eta)^2, with the difference taken on paper.
+    /// dw_h / dw_i of a refraction: |i.h| / (i.h + o.h / eta)^2, with the difference taken on
+    /// paper.
     double jacobian(double cos_o, double cos_t) const {
         const double g = double(eta) * cos_t;
         return cos_t * sqr(double(eta) * (cos_o + g) / e());
@@ -171,8 +172,8 @@ struct Dielectric {
         const Vec3<R> wi = normalize(h * (oh / eta - F.cos_theta_t) - wo * (R(1) / eta));
         if (!(wi.z < R(0))) return {};
         const R masking = smooth ? R(1) : surface.transmission_weight(wo, wi, h);
-        const R pdf = F.transmittance * D *
-                      (smooth ? R(1) : R(jacobian(double(oh), double(F.cos_theta_t))));
+        const R pdf =
+            F.transmittance * D * (smooth ? R(1) : R(jacobian(double(oh), double(F.cos_theta_t))));
         return BsdfSample<R>{wi, Spectrum<R>(masking / (eta * eta)), pdf,
                              std::uint8_t(kind | kTransmission), eta};
     }
