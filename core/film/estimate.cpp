@@ -18,13 +18,13 @@ double luminance(const double* rgb) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] +
 
 /// Log-average luminance of the non-zero pixels of S; 0 for a black image. The logarithm of a noisy
 /// value is too low by v / (2 S^2) on average, which is put back (bounded for any noise).
-double log_average(const Film& film, WindowSums* sums = nullptr) {
+double log_average(const Film& film, WindowPyramid* windows = nullptr) {
     FilmRows rows(film);
     double sum = 0.0;
     std::size_t n = 0;
     for (int y = 0; y < film.height(); ++y) {
         rows.advance(y);
-        if (sums != nullptr) sums->add_row(rows, y);
+        if (windows != nullptr) windows->add_row(rows, y);
         for (int x = 0; x < film.width(); ++x) {
             const double lum = luminance(rows.smooth(x));
             if (!(lum > 0.0)) continue;
@@ -157,8 +157,9 @@ void set_interval(ErrorEstimate& e, double relative_variance, double effective_p
 
 ErrorEstimate estimate_error(const Film& film) {
     ErrorEstimate e;
-    WindowSums sums(film.width(), film.height());
-    e.log_average = log_average(film, &sums);
+    WindowPyramid windows(film.width(), film.height());
+    e.log_average = log_average(film, &windows);
+    windows.finish();
     const int r_count = film.replicates();
     if (r_count < 2 || film.spp() == 0) return e;
     const double floor = kRelativeFloor * e.log_average * e.log_average;
@@ -172,7 +173,7 @@ ErrorEstimate estimate_error(const Film& film) {
     for (int y = 0; y < film.height(); ++y) {
         rows.advance(y);
         for (int x = 0; x < film.width(); ++x) {
-            pixel.set(rows, sums, x, y, floor);
+            pixel.set(rows, windows, {x, y}, floor);
             if (pixel.all_equal()) ++unknown;
             relative += pixel.weighted_variance();
             for (std::size_t c = 0; c < kC; ++c) {
@@ -186,11 +187,11 @@ ErrorEstimate estimate_error(const Film& film) {
         scale_noise.end_row(y, y + 1 == film.height());
     }
     e.unknown_share = double(unknown) / double(film.pixels());
-    e.known = unknown < film.pixels();
+    e.known = unknown < film.pixels() && relative > 0.0;
     e.relmse = relative / n;
     e.rmse = std::sqrt(absolute / n);
     e.relmse_classic = classic / n;
-    if (relative > 0.0)
+    if (e.known)
         set_interval(e, (difference.sum() + scale_noise.sum()) / sqr(relative),
                      difference.effective_pixels());
     return e;

@@ -12,6 +12,7 @@
 namespace matiere {
 
 inline constexpr int kSmoothRadius = 2;  ///< S averages 5 x 5 pixels
+inline constexpr double kSmoothSide = 2 * kSmoothRadius + 1;
 
 class FilmRows {
  public:

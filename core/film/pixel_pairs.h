@@ -10,7 +10,7 @@
 #include "base/numeric.h"
 #include "base/vec.h"
 #include "film/film_rows.h"
-#include "film/window_sums.h"
+#include "film/window_pyramid.h"
 
 namespace matiere {
 
@@ -44,16 +44,16 @@ class PixelPairs {
 
     const std::vector<Pair>& pairs() const { return pairs_; }
 
-    void set(const FilmRows& rows, const WindowSums& sums, int x, int y, double floor) {
+    void set(const FilmRows& rows, const WindowPyramid& windows, Vec2<int> at, double floor) {
+        const int level = choose_level(rows, windows, at, floor);
         std::array<Scale, kC> scales;
-        const int radius = choose_radius(rows, sums, {x, y}, floor, kSmoothRadius);
-        for (std::size_t c = 0; c < kC; ++c) scales[c] = local_scale(rows, sums, {x, y}, c, radius);
+        for (std::size_t c = 0; c < kC; ++c) scales[c] = local_scale(rows, windows, at, c, level);
         // A larger window has less noise, which more of the 5 x 5 blocks share.
-        const double shared = double(2 * radius + 1) / double(2 * kSmoothRadius + 1);
+        const double shared = level < 0 ? 1.0 : WindowPyramid::side(level) / kSmoothSide;
         for (Pair& p : pairs_) {
             p.scale_noise = 0.0;
             for (std::size_t c = 0; c < kC; ++c) {
-                const double a = rows.replicate(p.i, x)[c], b = rows.replicate(p.j, x)[c];
+                const double a = rows.replicate(p.i, at.x)[c], b = rows.replicate(p.j, at.x)[c];
                 p.difference[c] = a - b;
                 const double s = scales[c].without_pair(a + b, replicates_);
                 p.weight[c] = reciprocal_scale(s, scales[c].others_variance, floor);
@@ -108,34 +108,36 @@ class PixelPairs {
         double without_pixel() const { return n > 1.0 ? (n * smooth - own) / (n - 1.0) : smooth; }
     };
 
-    /// The smallest window, 5 x 5 or larger, whose S is expected to be known to kScaleDeviation.
-    /// What to expect is told by a window four times as wide: to choose by the small window's own
-    /// S would prefer the bright ones.
-    static int choose_radius(const FilmRows& rows, const WindowSums& sums, Vec2<int> at,
-                             double floor, int radius) {
-        const auto wide = sums.around(at.x, at.y, 4 * radius);
-        for (std::size_t c = 0; c < kC; ++c) {
-            const double own = rows.mean(at.x)[c];
-            const double s = wide.n > 1.0 ? (wide.mean[c] - own) / (wide.n - 1.0) : own;
-            const double expected = wide.variance[c] / wide.n / sqr(2.0 * radius + 1.0);
-            if (expected > sqr(kScaleDeviation) * (sqr(s) + floor)) {
-                if (sums.covers(at.x, at.y, 2 * radius)) return 2 * radius;
-                return choose_radius(rows, sums, at, floor, 2 * radius);
+    /// The smallest window whose S is expected to be known to kScaleDeviation: -1 for 5 x 5 pixels,
+    /// else a level of the pyramid. What to expect is told by the next larger window: to choose by
+    /// the small one's own S would prefer the bright ones.
+    static int choose_level(const FilmRows& rows, const WindowPyramid& windows, Vec2<int> at,
+                            double floor) {
+        for (int level = -1; level + 1 < windows.levels(); ++level) {
+            const auto& wide = windows.around(at.x, at.y, level + 1);
+            const double n = level < 0 ? rows.window(at.x) : windows.around(at.x, at.y, level).n;
+            bool known = true;
+            for (std::size_t c = 0; c < kC; ++c) {
+                const double own = rows.mean(at.x)[c];
+                const double s = wide.n > 1.0 ? (wide.mean[c] - own) / (wide.n - 1.0) : own;
+                const double expected = wide.variance[c] / wide.n / n;
+                known = known && !(expected > sqr(kScaleDeviation) * (sqr(s) + floor));
             }
+            if (known) return level;
         }
-        return radius;
+        return windows.levels() - 1;
     }
 
-    static Scale local_scale(const FilmRows& rows, const WindowSums& sums, Vec2<int> at,
-                             std::size_t c, int radius) {
+    static Scale local_scale(const FilmRows& rows, const WindowPyramid& windows, Vec2<int> at,
+                             std::size_t c, int level) {
         Scale s;
         double variance_sum = 0.0;
-        if (radius == kSmoothRadius) {
+        if (level < 0) {
             s.n = rows.window(at.x);
             s.smooth = rows.smooth(at.x)[c];
             variance_sum = rows.smooth_variance(at.x)[c] * sqr(s.n);
         } else {
-            const auto w = sums.around(at.x, at.y, radius);
+            const auto& w = windows.around(at.x, at.y, level);
             s.n = w.n;
             s.smooth = w.mean[c] / w.n;
             variance_sum = w.variance[c];

@@ -1,6 +1,5 @@
 #include "render/pass_runner.h"
 
-#include <chrono>
 #include <utility>
 
 namespace matiere {
@@ -13,10 +12,17 @@ constexpr std::chrono::milliseconds kPollInterval{20};
 PassRunner::PassRunner(const ChunkFunction& chunk, Film& film, int threads)
     : chunk_(chunk), film_(film) {
     threads_.reserve(std::size_t(threads));
-    for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+    try {
+        for (int i = 0; i < threads; ++i) threads_.emplace_back([this] { work(); });
+    } catch (...) {  // the system gives no more threads: a joinable one must not be destroyed
+        shut_down();
+        throw;
+    }
 }
 
-PassRunner::~PassRunner() {
+PassRunner::~PassRunner() { shut_down(); }
+
+void PassRunner::shut_down() {
     {
         const std::lock_guard lock(mutex_);
         closing_ = true;
@@ -50,17 +56,23 @@ bool PassRunner::run(std::uint64_t spp, const std::function<void()>& poll,
     return !abort_.cancelled();
 }
 
-/// Until no chunk is waiting or in the making.
+/// Until no chunk is waiting or in the making. Short passes end without a poll in between, so that
+/// they need not wait for Python's lock; the clock runs on from pass to pass.
 void PassRunner::wait(const std::function<void()>& poll, const CancelToken& cancel) {
     std::unique_lock lock(mutex_);
     for (;;) {
         if (abort_.cancelled()) next_ = queue_.size();
-        if (next_ == queue_.size() && open_ == 0) return;
-        pass_done_.wait_for(lock, kPollInterval);
-        lock.unlock();
-        if (cancel.cancelled()) abort_.cancel();
-        if (poll) poll();
-        lock.lock();
+        const bool done = next_ == queue_.size() && open_ == 0;
+        const bool due = Clock::now() - last_poll_ >= kPollInterval;
+        if (due) {
+            lock.unlock();
+            if (cancel.cancelled()) abort_.cancel();
+            if (poll) poll();
+            last_poll_ = Clock::now();
+            lock.lock();
+        }
+        if (done) return;
+        if (!due) pass_done_.wait_for(lock, kPollInterval);
     }
 }
 

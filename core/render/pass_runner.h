@@ -3,6 +3,7 @@
 // fixed.
 #pragma once
 
+#include <chrono>
 #include <condition_variable>
 #include <cstdint>
 #include <exception>
@@ -29,7 +30,10 @@ class PassRunner {
     bool run(std::uint64_t spp, const std::function<void()>& poll, const CancelToken& cancel);
 
  private:
+    using Clock = std::chrono::steady_clock;
+
     void work();
+    void shut_down();
     bool take(std::uint32_t& index);
     void finish(const std::optional<ChunkFilm>& done, std::exception_ptr error);
     void wait(const std::function<void()>& poll, const CancelToken& cancel);
@@ -42,6 +46,7 @@ class PassRunner {
     std::size_t next_ = 0;              ///< first chunk nobody took
     std::size_t open_ = 0;              ///< chunks taken and not finished
     bool closing_ = false;
+    Clock::time_point last_poll_ = Clock::now();
     std::exception_ptr error_;
     CancelToken abort_;
     std::vector<std::thread> threads_;
