@@ -46,7 +46,7 @@ def variants(case: Case, eps: float) -> list[Any]:
     """Return the material in double, exactly and with its index rounded up and down."""
     if not case.interface:
         return [case.bsdf("double")]
-    eta = float(case.params.get("eta", 1.5))
+    eta = case.eta
     steps = (0.0, 4 * eps, -4 * eps)
     return [Case(case.type, {**case.params, "eta": eta * (1 + d)}).bsdf("double") for d in steps]
 
@@ -127,7 +127,7 @@ def test_scattering_is_reciprocal(case: Case, precision: str) -> None:
     if not case.interface:
         w[..., 2] = np.abs(w[..., 2])
     a, b = w.astype(np.float32 if precision == "float" else np.float64)
-    eta = float(case.params.get("eta", 1.5)) if case.interface else 1.0
+    eta = case.eta
 
     def f(view: Any, o: np.ndarray, i: np.ndarray) -> np.ndarray:
         # Radiance is scaled by the square of the index on the viewer's side.

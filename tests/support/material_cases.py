@@ -9,6 +9,8 @@ from typing import Any
 
 from matiere import _core
 
+ROWS: dict[str, dict[str, Any]] = {row["type"]: row for row in _core.materials()}
+
 
 @dataclass(frozen=True)
 class Case:
@@ -31,7 +33,13 @@ class Case:
 
     @property
     def interface(self) -> bool:
-        return self.type == "dielectric"
+        return bool(ROWS[self.type]["features"]["transmission"])
+
+    @property
+    def eta(self) -> float:
+        """Index of the inside over the outside; 1 for opaque materials."""
+        implied = {p["name"]: p["implied"] for p in ROWS[self.type]["params"]}
+        return float(self.params.get("eta", implied["eta"])) if self.interface else 1.0
 
     @property
     def alpha(self) -> float:
@@ -45,7 +53,7 @@ class Case:
         """Return the angle [rad] of the narrowest lobe seen at a cosine, 1 where none is narrow."""
         width = self.alpha * max(cos_theta, 1e-9)
         if self.interface:
-            width = min(width, abs(float(self.params.get("eta", 1.5)) - 1) * self.alpha)
+            width = min(width, abs(self.eta - 1) * self.alpha)
         return width if width > 0 else 1.0
 
 
@@ -139,7 +147,7 @@ def _allowed(row: dict[str, Any], params: dict[str, Any]) -> bool:
 
 def generated() -> Iterator[Case]:
     """Yield every model with one parameter at a time moved to its bounds."""
-    for row in _core.materials():
+    for row in ROWS.values():
         base = _needed(row)
         yield Case(row["type"], base)
         for p in row["params"]:
