@@ -40,7 +40,7 @@ from matiere.errors import MatiereError
 from matiere.service.client import Client, JobStatus
 from matiere.service.lockfile import read_announcement
 
-START_TIMEOUT_S = 60.0
+START_TIMEOUT_S = 180.0
 STOP_TIMEOUT_S = 30.0
 POLL_S = 0.5
 LINE_EVERY_S = 10.0  # without a terminal: one line of progress
