@@ -103,11 +103,11 @@ class Film:
 
     @cached_property
     def _mean(self) -> Image:
-        return self._core.mean()
+        return _frozen(self._core.mean())
 
     @property
     def mean(self) -> Image:
-        """Mean radiance, float64 (H, W, 3)."""
+        """Mean radiance, float64 (H, W, 3); premultiplied by alpha if `transparent`."""
         return self._mean[..., :3]
 
     @property
@@ -122,7 +122,7 @@ class Film:
         The variance of a pixel is averaged over 5 x 5 pixels: a single pixel has only
         `replicates - 1` degrees of freedom.
         """
-        return self._core.standard_error()
+        return _frozen(self._core.standard_error())
 
     @cached_property
     def error(self) -> dict[str, Any]:
@@ -204,6 +204,12 @@ class Film:
         from matiere.film_file import write_film
 
         write_film(self, path)
+
+
+def _frozen(image: Image) -> Image:
+    """Make an array read-only: every reader of a film gets the same one."""
+    image.flags.writeable = False
+    return image
 
 
 def load_film(path: str | os.PathLike[str]) -> Film:

@@ -200,6 +200,13 @@ def test_arrays_have_the_documented_shapes(film: mt.Film) -> None:
     np.testing.assert_allclose(film.replicate_means.mean(0), film.mean, rtol=1e-12)
 
 
+def test_arrays_are_read_only(film: mt.Film) -> None:
+    for array in (film.mean, film.alpha, film.standard_error):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0, 0] = 0
+    assert film.mean.copy().flags.writeable
+
+
 def test_a_reference_must_be_independent(scene: mt.Scene, film: mt.Film) -> None:
     with pytest.raises(mt.FilmError, match="share a seed"):
         film.realised_relmse(mt.render(scene, spp=64, seed=3))
