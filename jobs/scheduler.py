@@ -190,12 +190,12 @@ class Scheduler(threading.Thread):
                 item = self.inbox.get_nowait()
         for place, message in enumerate(waiting):
             try:
-                self._handle(message)
+                self._take(message)
             except StoreError:
                 self._unsaved = waiting[place:]  # a report is kept until it is stored
                 raise
 
-    def _handle(self, message: Message) -> None:
+    def _take(self, message: Message) -> None:
         child, body = message.child, message.body
         if body["op"] == "hello":
             child.ready, self.health.stuck = True, ""
