@@ -33,8 +33,9 @@ WARN: Color = (0.95, 0.60, 0.40)
 MAX_EDGE = 8192  # pixels; larger grids get smaller thumbnails
 SURROUNDINGS = 300  # pixels kept for titles, row headers and the legend
 MIN_THUMB = 16
-MIN_CAPTION = 120  # small images get a cell this wide, so that a caption fits
+MIN_CAPTION = 168  # small images get a cell this wide, so that a caption fits
 MIN_LABELLED = 56  # below this width a caption says nothing: leave it out
+SMALLEST_TEXT = 8  # pixels; only then is a text cut
 DISPLAY_GAMMA = 2.2  # thumbnails are averaged in roughly linear light
 
 
@@ -262,9 +263,16 @@ def _caption(layout: Layout, index: int, cell: Mapping[str, Any], marks: list[Te
     lines += [(line, SOFT) for line in str(cell.get("sublabel") or "").splitlines()]
     for number, (text, color) in enumerate(lines):
         baseline = y + layout.thumb_height + round(size * (1.4 * number + 1.25))
-        small = size if number == 0 else size - 1
+        small = legible(text, layout.thumb_width, size if number == 0 else size - 1)
         short = shorten(text, layout.thumb_width, small)
         marks.append(TextMark((x, baseline), short, small, color))
+
+
+def legible(text: str, width: int, size: int) -> int:
+    """Return the largest text size, at most `size`, that fits, but not below SMALLEST_TEXT."""
+    while size > SMALLEST_TEXT and text_width(text, size) > width:
+        size -= 1
+    return size
 
 
 def shorten(text: str, width: int, size: int) -> str:

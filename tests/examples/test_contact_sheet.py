@@ -116,6 +116,14 @@ def test_long_labels_are_cut_to_the_width() -> None:
     assert contact_sheet.shorten("fits", 90, 12) == "fits"
 
 
+def test_numbers_shrink_before_they_are_cut() -> None:
+    text = "relMSE 1.2e-05 (0.9e-05 to 1.5e-05)"
+    size = contact_sheet.legible(text, 192, 12)
+    assert text_width(text, size) <= 192 and contact_sheet.shorten(text, 192, size) == text
+    assert contact_sheet.legible("x", 192, 12) == 12
+    assert contact_sheet.legible(text, 10, 12) == contact_sheet.SMALLEST_TEXT
+
+
 def test_characters_the_font_lacks_are_spelled_or_marked() -> None:
     blank = np.zeros((40, 200, 3), np.float32)
 
