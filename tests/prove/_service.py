@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import atexit
 import hashlib
 import json
 import os
@@ -58,6 +59,7 @@ class Service:
         self.data = data
         with (data / "serve.out").open("ab") as out:
             self.process = subprocess.Popen(command, stdout=out, stderr=out)
+        atexit.register(self.process.kill)  # also when the line fails half-way
         end = time.monotonic() + 120
         while not self._announced():
             if self.process.poll() is not None or time.monotonic() > end:
