@@ -88,7 +88,7 @@ def test_large_images_shrink_and_large_grids_stay_within_the_limit(tmp_path: Pat
     sheet = decode(contact_sheet.make([{"image": image}] * 2, 2, "x", cell_width=100), tmp_path)
     blue = np.abs(sheet - np.array([77, 153, 230]) / 255).max(axis=2) < 0.006
     assert blue.sum() == 2 * 100 * 50, blue.sum()
-    for columns, rows in ((90, 1), (1, 90), (300, 1)):
+    for columns, rows in ((60, 1), (1, 60), (200, 1)):
         cells = [{"image": image, "label": "a", "sublabel": "b\nc"}] * (columns * rows)
         many = decode(contact_sheet.make(cells, columns, "x"), tmp_path)
         assert max(many.shape) <= contact_sheet.MAX_EDGE, many.shape
@@ -105,9 +105,8 @@ def test_area_average_keeps_the_mean() -> None:
     rng = np.random.default_rng(1)
     image = rng.random((37, 53, 3)).astype(np.float32)
     small = contact_sheet.fit_inside(image, 20, 20)
-    gamma = contact_sheet.DISPLAY_GAMMA
     assert small.shape == (14, 20, 3)
-    assert abs((small**gamma).mean() - (image**gamma).mean()) < 1e-3
+    assert abs((small**2).mean() - (image**2).mean()) < 1e-3
 
 
 def test_long_labels_are_cut_to_the_width() -> None:
