@@ -75,10 +75,19 @@ inside() {
         $settings sh -c "$1" </dev/null
 }
 
+# Ends what an earlier, interrupted run left running in the chroot.
+end_leftovers() {
+    for process in /proc/[0-9]*; do
+        [ "$(readlink "$process/root" 2>/dev/null)" != "$work" ] ||
+            kill -9 "${process#/proc/}" 2>/dev/null || true
+    done
+}
+
 mkdir -p "$out"
 : >"$result"
 make_base
 say "commit $(git -C "$root" rev-parse --short HEAD), suite $suite, $(nproc) CPUs"
+end_leftovers
 rm -rf --one-file-system "$work"
 cp -a "$base" "$work"
 copy_settings
