@@ -43,6 +43,9 @@ struct CoatAlbedo {
 /// Rows over a textured alpha are uniform in alpha stretched by this scale.
 inline constexpr int kAlphaRows = 64;
 inline constexpr double kAlphaScale = 3e-4;
+
+template <class R>
+inline const Stretch<R> kAlphaStretch = Stretch<R>::make(R(kAlphaScale));
 inline constexpr int kAzimuthRows = 24;
 
 /// What `tabulate` of a model with a coat leaves in its parameters.
@@ -55,7 +58,7 @@ struct CoatTables {
     CoatAlbedo<R> view(const AlphaParams<R>& p) const {
         const Vec2<R> a = p.alphas();
         const bool by_azimuth = a.x != a.y;
-        const R row = p.any_textured() ? stretched(a.x, R(kAlphaScale)) : R(0);
+        const R row = p.any_textured() ? kAlphaStretch<R>.forward(a.x) : R(0);
         return {table, smooth_average, row, by_azimuth ? a.x : R(1), by_azimuth ? a.y : R(1)};
     }
 };
@@ -82,7 +85,7 @@ std::vector<AlbedoRow> coat_rows(const AlphaParams<R>& p) {
     const Vec2<R> a = p.alphas();
     if (p.any_textured()) {
         for (int i = 0; i < kAlphaRows; ++i) {
-            const double alpha = unstretched(double(i) / (kAlphaRows - 1), kAlphaScale);
+            const double alpha = kAlphaStretch<double>.backward(double(i) / (kAlphaRows - 1));
             rows.push_back({double_surface(p, alpha, alpha)});
         }
     } else if (a.x != a.y) {

@@ -28,9 +28,8 @@ struct MicrofacetLobe {
         if (!(l2 > R(0))) return {};
         const Vec3<R> h = sum * (R(1) / std::sqrt(l2));
         const R D = surface.D(h);
-        const R visibility = surface.reflection_visibility(wo, wi, h);
-        return {fresnel(dot(wo, h)) * (R(0.25) * D * visibility),
-                D * surface.reflection_pdf_over_D(wo, h)};
+        const auto r = surface.reflection(wo, wi, h);
+        return {fresnel(dot(wo, h)) * (D * r.visibility), D * r.density};
     }
 
     /// Weight F G2 / G1, at most 1; nothing where the reflected direction is below the horizon.
@@ -41,8 +40,8 @@ struct MicrofacetLobe {
         if (!(oh > R(0))) return {};
         const Vec3<R> wi = reflect(wo, h);
         if (!(wi.z > R(0))) return {};
-        const R pdf = surface.D(h) * surface.reflection_pdf_over_D(wo, h);
-        return BsdfSample<R>{wi, fresnel(oh) * surface.bounded_weight(wo, wi, h), pdf, lobe()};
+        const auto r = surface.reflection(wo, wi, h);
+        return BsdfSample<R>{wi, fresnel(oh) * r.weight, surface.D(h) * r.density, lobe()};
     }
 };
 

@@ -58,9 +58,9 @@ struct FacetGrid {
         if (!(oh > 0.0)) return {};
         const Vec3d wi = reflect(wo, h);
         if (!(wi.z > 0.0)) return {};
-        const double over_D = cavity() ? h.z : 4.0 * oh * ggx.reflection_pdf_over_D(wo, h);
+        const double over_D = cavity() ? h.z : 4.0 * oh * ggx.reflection(wo, wi, h).density;
         const double density = ggx.D(h) * over_D;
-        const double reflected = surface.D(h) * surface.reflection_visibility(wo, wi, h) * oh;
+        const double reflected = surface.D(h) * surface.reflection(wo, wi, h).visibility * 4.0 * oh;
         return reflectance(oh) * (reflected / density);
     }
 };
@@ -106,8 +106,9 @@ AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows,
     AlbedoTable<double> table;
     table.average.resize(rows.size());
     for (const AlbedoRow& row : rows) {
-        table.scale.push_back(AlbedoTable<double>::cosine_scale(row.width()));
-        const int r = int(table.scale.size()) - 1;
+        const double scale = AlbedoTable<double>::cosine_scale(row.width());
+        table.stretch.push_back(Stretch<double>::make(scale));
+        const int r = int(table.stretch.size()) - 1;
         for (int i = 0; i < AlbedoTable<double>::kNodes; ++i) {
             // Grazing itself is a limit: taken just above it.
             const double mu = std::max(table.node_cosine(r, i), 1e-9);

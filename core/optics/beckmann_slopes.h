@@ -35,29 +35,35 @@ template <class R>
 inline R sample_beckmann_slope(R cot, R u) {
     constexpr R kSqrtPi = R(1.772453850905516027298);
     constexpr R kTail = R(6);  // exp(-36): beyond double's 2^-52 of the mass
-    // C(x) = cot sqrt(pi)/2 erfc(-x) + exp(-x^2)/2, a sum of positive terms.
-    const auto cumulative = [cot](R x) {
-        return R(0.5) * (cot * kSqrtPi * std::erfc(-x) + std::exp(-x * x));
+    // C(x) = cot sqrt(pi)/2 erfc(-x) + exp(-x^2)/2, a sum of positive terms; C' = (cot - x)
+    // exp(-x^2).
+    const auto cumulative = [cot](R x, R gauss) {
+        return R(0.5) * (cot * kSqrtPi * std::erfc(-x) + gauss);
     };
     R low = -kTail;
     R high = std::min(cot, kTail);
-    const R target = u * cumulative(high);
-    // Start at the mean slope's Gaussian quantile, moved inside the bracket.
+    const R target = u * cumulative(high, std::exp(-high * high));
+    // Start at the Gaussian quantile, moved towards the mean slope.
     R x = std::clamp(erf_inv(R(2) * u - R(1)) - R(0.5) / (R(1) + cot), low, high);
-    constexpr int kMaxSteps = 40;
-    constexpr R kTolerance = sizeof(R) == sizeof(float) ? R(1e-6) : R(1e-14);
+    constexpr int kMaxSteps = 60;
+    // Halley's steps are cubic: after one this small the next is below rounding. They are measured
+    // against the distance to x = cot, where the density vanishes.
+    constexpr R kSmallStep = sizeof(R) == sizeof(float) ? R(1e-3) : R(1e-6);
     for (int i = 0; i < kMaxSteps; ++i) {
-        const R error = cumulative(x) - target;
+        const R gauss = std::exp(-x * x);
+        const R error = cumulative(x, gauss) - target;
         if (error > R(0))
             high = x;
         else
             low = x;
-        const R density = (cot - x) * std::exp(-x * x);
-        R next = x - error / density;
+        const R room = cot - x;
+        const R newton = error / (room * gauss);
+        const R curved = R(1) + R(0.5) * newton * (R(1) / room + R(2) * x);
+        R next = x - newton / std::max(curved, R(0.5));
         if (!(next >= low && next <= high)) next = R(0.5) * (low + high);
         const R moved = std::abs(next - x);
         x = next;
-        if (moved <= kTolerance * (R(1) + std::abs(x))) break;
+        if (moved <= kSmallStep * std::min(R(1), room)) break;
     }
     return x;
 }

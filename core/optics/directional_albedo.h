@@ -12,15 +12,22 @@
 
 namespace matiere {
 
-/// A stretched coordinate on [0, 1]: linear below `scale`, logarithmic above.
+/// A stretched coordinate: [0, 1] to [0, 1], linear below `scale`, logarithmic above.
 template <class R>
-inline R stretched(R x, R scale) {
-    return std::log1p(x / scale) / std::log1p(R(1) / scale);
-}
-template <class R>
-inline R unstretched(R t, R scale) {
-    return scale * std::expm1(t * std::log1p(R(1) / scale));
-}
+struct Stretch {
+    R inverse_scale{R(1)};
+    R inverse_log{R(1)};
+
+    static Stretch make(R scale) { return {R(1) / scale, R(1) / std::log1p(R(1) / scale)}; }
+    /// Without log1p: near 0 an absolute error of a rounding does no harm to a table.
+    R forward(R x) const { return std::log(R(1) + x * inverse_scale) * inverse_log; }
+    R backward(R t) const { return std::expm1(t / inverse_log) / inverse_scale; }
+
+    template <class To>
+    Stretch<To> cast() const {
+        return {To(inverse_scale), To(inverse_log)};
+    }
+};
 
 /// Directional albedo over (cos theta, one more axis), three lanes: RGB, or three terms that a
 /// model combines. Nodes in cos theta are stretched: grazing masking has the scale of alpha.
@@ -31,7 +38,7 @@ struct AlbedoTable {
 
     std::vector<Spectrum<R>> E;        ///< [row][node]
     std::vector<Spectrum<R>> average;  ///< [row]: 2 * integral of E(mu) mu dmu
-    std::vector<R> scale;              ///< [row]: of the stretched cosine
+    std::vector<Stretch<R>> stretch;   ///< [row]: of the cosine
 
     /// Scale of the cosine for a surface of width alpha.
     static R cosine_scale(R alpha) {
@@ -40,7 +47,7 @@ struct AlbedoTable {
 
     int rows() const { return int(average.size()); }
     R node_cosine(int row, int i) const {
-        return std::min(unstretched(R(i) / R(kNodes - 1), scale[std::size_t(row)]), R(1));
+        return std::min(stretch[std::size_t(row)].backward(R(i) / R(kNodes - 1)), R(1));
     }
 
     template <class To>
@@ -48,7 +55,7 @@ struct AlbedoTable {
         AlbedoTable<To> t;
         for (const auto& e : E) t.E.push_back(spectrum_cast<To>(e));
         for (const auto& a : average) t.average.push_back(spectrum_cast<To>(a));
-        for (const R s : scale) t.scale.push_back(To(s));
+        for (const auto& s : stretch) t.stretch.push_back(s.template cast<To>());
         return t;
     }
 
@@ -74,7 +81,7 @@ struct AlbedoTable {
     /// Cubic through four nodes (Catmull-Rom inside, one-sided at the ends).
     Spectrum<R> row_value(int row, R cos_theta) const {
         const R mu = std::clamp(cos_theta, R(0), R(1));
-        const R x = std::min(stretched(mu, scale[std::size_t(row)]), R(1)) * R(kNodes - 1);
+        const R x = std::min(stretch[std::size_t(row)].forward(mu), R(1)) * R(kNodes - 1);
         const int i = std::min(int(x), kNodes - 2);
         const R w = x - R(i);
         const Spectrum<R>* e = &E[std::size_t(row) * kNodes];

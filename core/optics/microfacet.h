@@ -80,27 +80,32 @@ struct Microfacet {
         return std::min(R(1), R(2) * h.z * z / std::abs(dot(w, h)));
     }
 
-    /// G2 / |o.z| for a reflection, finite at grazing.
-    R reflection_visibility(Vec3<R> o, Vec3<R> i, Vec3<R> h) const {
+    /// What a reflection needs beside D and F. f cos = F D visibility, pdf = D density and weight =
+    /// visibility / density, with what they share cancelled: all stay finite at grazing.
+    struct Reflection {
+        R visibility{};  ///< G2 / (4 |o.z|)
+        R density{};     ///< of the sampled direction, over D(h)
+        R weight{};      ///< of a sample before F; at most 1
+    };
+
+    /// For directions of sample_for_reflection, or (bounded = false) of sample_visible.
+    Reflection reflection(Vec3<R> o, Vec3<R> i, Vec3<R> h, bool bounded = true) const {
         if (masking == Masking::kVCavity) {
-            const R cavity = R(2) * h.z * std::min(o.z, i.z) / dot(o, h);
-            return std::min(R(1), cavity) / o.z;
+            const R per_cos = R(2) * h.z / dot(o, h);
+            const R both = std::min(R(1), per_cos * std::min(o.z, i.z));
+            const R seen = std::min(R(1), per_cos * o.z);
+            return {R(0.25) * both / o.z, std::min(R(0.25) / o.z, R(0.25) * per_cos), both / seen};
         }
         const R sigma_o = sigma(o);
         const R sigma_i = sigma(i);
-        if (masking == Masking::kSmithSeparable) return (i.z / sigma_i) / sigma_o;
-        return i.z / (sigma_i * o.z + (sigma_o - o.z) * i.z);
-    }
-
-    /// G2 / G1(o) for a reflection: the weight of a visible normal, at most 1.
-    R reflection_weight(Vec3<R> o, Vec3<R> i, Vec3<R> h) const {
-        if (masking == Masking::kVCavity) {
-            const R per_cos = R(2) * h.z / dot(o, h);
-            return std::min(R(1), per_cos * std::min(o.z, i.z)) / std::min(R(1), per_cos * o.z);
-        }
-        if (masking == Masking::kSmithSeparable) return i.z / sigma(i);
-        const R sigma_o = sigma(o);
-        return i.z * sigma_o / (sigma(i) * o.z + (sigma_o - o.z) * i.z);
+        const R shadowed = masking == Masking::kSmithSeparable
+                               ? sigma_i * sigma_o
+                               : sigma_i * o.z + (sigma_o - o.z) * i.z;
+        // Of the caps: sigma_o with k |o.z| for |o.z|.
+        const R area = bounded && distribution == Distribution::kGgx
+                           ? sigma_o - R(0.5) * (R(1) - cap_bound(o)) * o.z
+                           : sigma_o;
+        return {R(0.25) * i.z / shadowed, R(0.25) / area, i.z * (area / shadowed)};
     }
 
     /// Density of the visible normals of o over D(h): pdf_h = D * this.
@@ -140,20 +145,6 @@ struct Microfacet {
         return sample_visible(o, u).h;
     }
 
-    /// Density of the reflected direction over D(h) for sample_for_reflection: pdf_i = D * this.
-    R reflection_pdf_over_D(Vec3<R> o, Vec3<R> h) const {
-        if (masking == Masking::kVCavity) return std::min(R(0.25) / o.z, R(0.5) * h.z / dot(o, h));
-        return R(0.25) / bounded_sigma(o);
-    }
-
-    /// G2 / G1 for sample_for_reflection: visibility over density, at most 1.
-    R bounded_weight(Vec3<R> o, Vec3<R> i, Vec3<R> h) const {
-        const R weight = reflection_weight(o, i, h);
-        return distribution == Distribution::kGgx && masking != Masking::kVCavity
-                   ? weight * (bounded_sigma(o) / sigma(o))
-                   : weight;
-    }
-
     /// G2 / G1(o) for a transmission to i on the other side.
     R transmission_weight(Vec3<R> o, Vec3<R> i, Vec3<R> h) const {
         if (masking == Masking::kVCavity) {
@@ -171,12 +162,6 @@ struct Microfacet {
  private:
     /// exp(-x) is below the smallest normal number for x above this.
     static constexpr double kExpUnderflow = sizeof(R) == sizeof(float) ? 87.0 : 708.0;
-
-    R bounded_sigma(Vec3<R> o) const {
-        if (distribution != Distribution::kGgx) return sigma(o);
-        const R s2 = sqr(alpha_x * o.x) + sqr(alpha_y * o.y);
-        return R(0.5) * (cap_bound(o) * o.z + std::sqrt(s2 + o.z * o.z));
-    }
 
     Vec3<R> unstretch(Vec3<R> v) const {
         return normalize(Vec3<R>{alpha_x * v.x, alpha_y * v.y, std::max(v.z, R(0))});

@@ -109,9 +109,9 @@ struct Dielectric {
     }
 
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
-        if (is_delta()) return sample_facet(wo, {R(0), R(0), R(1)}, u.x, true);
+        if (is_delta()) return sample_smooth(wo, u.x);
         const auto facet = surface.sample_visible(wo, u);
-        return sample_facet(wo, facet.h, facet.u, false);
+        return sample_facet(wo, facet.h, facet.u);
     }
 
  private:
@@ -132,9 +132,8 @@ struct Dielectric {
         const R oh = dot(wo, h);
         const R F = fresnel_dielectric(oh, eta).reflectance;
         const R D = surface.D(h);
-        const R f = R(0.25) * F * D * surface.reflection_visibility(wo, wi, h);
-        const R pdf = R(0.25) * F * D * surface.visible_over_D(wo, h) / oh;
-        return {Spectrum<R>(f), pdf};
+        const auto r = surface.reflection(wo, wi, h, false);
+        return {Spectrum<R>(F * D * r.visibility), F * D * r.density};
     }
 
     BsdfEval<R> eval_transmission(Vec3<R> wo, Vec3<R> wi) const {
@@ -155,27 +154,40 @@ struct Dielectric {
         return {Spectrum<R>(pdf * weight), pdf};
     }
 
-    std::optional<BsdfSample<R>> sample_facet(Vec3<R> wo, Vec3<R> h, R u, bool smooth) const {
+    Vec3<R> refract(Vec3<R> wo, Vec3<R> h, R cos_o, R cos_t) const {
+        return normalize(h * (cos_o / eta - cos_t) - wo * (R(1) / eta));
+    }
+
+    std::optional<BsdfSample<R>> sample_smooth(Vec3<R> wo, R u) const {
+        const FresnelTerms<R> F = fresnel_dielectric(wo.z, eta);
+        if (u < F.reflectance)
+            return BsdfSample<R>{
+                {-wo.x, -wo.y, wo.z}, Spectrum<R>(R(1)), F.reflectance, kSpecular | kReflection};
+        if (!(F.cos_theta_t > R(0))) return {};
+        const Vec3<R> wi = refract(wo, {R(0), R(0), R(1)}, wo.z, F.cos_theta_t);
+        return BsdfSample<R>{wi, Spectrum<R>(R(1) / (eta * eta)), F.transmittance,
+                             kSpecular | kTransmission, eta};
+    }
+
+    std::optional<BsdfSample<R>> sample_facet(Vec3<R> wo, Vec3<R> h, R u) const {
         const R oh = dot(wo, h);
         if (!(oh > R(0))) return {};
         const FresnelTerms<R> F = fresnel_dielectric(oh, eta);
-        const std::uint8_t kind = smooth ? kSpecular : kGlossy;
-        const R D = smooth ? R(1) : surface.D(h) * surface.visible_over_D(wo, h);
+        const R D = surface.D(h);
         if (u < F.reflectance) {
-            const Vec3<R> wi = smooth ? Vec3<R>{-wo.x, -wo.y, wo.z} : reflect(wo, h);
+            const Vec3<R> wi = reflect(wo, h);
             if (!(wi.z > R(0))) return {};
-            const R weight = smooth ? R(1) : surface.reflection_weight(wo, wi, h);
-            const R pdf = F.reflectance * D * (smooth ? R(1) : R(0.25) / oh);
-            return BsdfSample<R>{wi, Spectrum<R>(weight), pdf, std::uint8_t(kind | kReflection)};
+            const auto r = surface.reflection(wo, wi, h, false);
+            return BsdfSample<R>{wi, Spectrum<R>(r.weight), F.reflectance * D * r.density,
+                                 kGlossy | kReflection};
         }
         if (!(F.cos_theta_t > R(0))) return {};
-        const Vec3<R> wi = normalize(h * (oh / eta - F.cos_theta_t) - wo * (R(1) / eta));
+        const Vec3<R> wi = refract(wo, h, oh, F.cos_theta_t);
         if (!(wi.z < R(0))) return {};
-        const R masking = smooth ? R(1) : surface.transmission_weight(wo, wi, h);
-        const R pdf =
-            F.transmittance * D * (smooth ? R(1) : R(jacobian(double(oh), double(F.cos_theta_t))));
-        return BsdfSample<R>{wi, Spectrum<R>(masking / (eta * eta)), pdf,
-                             std::uint8_t(kind | kTransmission), eta};
+        const R through = surface.transmission_weight(wo, wi, h) / (eta * eta);
+        const R J = R(jacobian(double(oh), double(F.cos_theta_t)));
+        const R pdf = F.transmittance * D * surface.visible_over_D(wo, h) * J;
+        return BsdfSample<R>{wi, Spectrum<R>(through), pdf, kGlossy | kTransmission, eta};
     }
 };
 
