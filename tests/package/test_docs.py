@@ -127,6 +127,7 @@ class Reader:
         pytest.fail(f"no service: {(self.folder / 'serve.log').read_text(encoding='utf-8')}")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_snippets_run(page: Path, tmp_path: Path) -> None:
     reader = Reader(tmp_path)
