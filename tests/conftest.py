@@ -1,8 +1,13 @@
 """Shared fixtures of all tests."""
 
+import signal
 from pathlib import Path
 
 import pytest
+
+# A shell that starts the tests in the background ignores SIGINT for them and their children: the
+# tests of Ctrl-C would wait for ever.
+signal.signal(signal.SIGINT, signal.default_int_handler)
 
 ROOT = Path(__file__).resolve().parents[1]
 
