@@ -200,3 +200,19 @@ def test_denormals_survive_a_render(scene: mt.Scene) -> None:
 def test_impossible_thread_counts_are_refused(threads: int) -> None:
     with pytest.raises(ValueError, match="threads"):
         synthetic({"spp": 4}, threads=threads)
+
+
+def test_a_target_is_met_by_the_realised_error() -> None:
+    """20 seeds: the mean of the integrand is known, so is the error that was really reached."""
+    y, x = np.mgrid[0:48, 0:48]
+    mean = _core.synthetic_mean(x, y)
+    met = 0
+    for seed in range(20):
+        film = _core.Film(48, 48, 4)
+        stop = {"target_error": {"relmse": 0.01}}
+        out = _core.render_synthetic(film, "lognormal", stop, seed=seed)
+        assert out["reason"] == "target_error"
+        # S is nearly the mean itself here: blocks of 8 x 8 pixels that differ by 5 % steps
+        red = film.mean()[..., 0]
+        met += float(np.mean((red - mean) ** 2 / mean**2)) <= 0.0105
+    assert met >= 18, met
