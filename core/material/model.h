@@ -41,17 +41,16 @@ concept Model = requires(const M& m, Vec3<R> w, const typename M::Params& params
 /// A model that needs tables: built once per material, before the first `prepare`, from parameters
 /// that are constant or marked textured. `prepare` itself is pure and never allocates.
 template <class M, class R>
-concept TabulatedModel = Model<M, R> &&
-    requires(typename M::Params& params, TableStore<R>& tables) {
-    M::tabulate(params, tables);
-};
+concept TabulatedModel =
+    Model<M, R> &&
+    requires(typename M::Params& params, TableStore<R>& tables) { M::tabulate(params, tables); };
 
 /// A model that bounds a medium: at a hit it is asked for itself with the relative index of the
 /// two media that really meet there (other side over the side of wo).
 template <class M, class R>
 concept InterfaceModel = Model<M, R> && requires(const M& m, R eta) {
     { m.at_interface(eta) } -> std::same_as<M>;
-    {m.interior()};
+    { m.interior() };
 };
 
 }  // namespace matiere

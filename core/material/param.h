@@ -44,9 +44,9 @@ struct Value {
 template <class P, class R>
 struct Param {
     ParamInfo info;
-    Value<R> P::*scalar = nullptr;
-    Value<Spectrum<R>> P::*color = nullptr;
-    Value<int> P::*choice = nullptr;  ///< enums and bools
+    Value<R> P::* scalar = nullptr;
+    Value<Spectrum<R>> P::* color = nullptr;
+    Value<int> P::* choice = nullptr;  ///< enums and bools
 
     constexpr Param range(double min, double max) const {
         Param p = *this;
@@ -83,7 +83,7 @@ struct Param {
 };
 
 template <class P, class R>
-constexpr Param<P, R> scalar(std::string_view name, Value<R> P::*member, std::string_view doc) {
+constexpr Param<P, R> scalar(std::string_view name, Value<R> P::* member, std::string_view doc) {
     Param<P, R> p;
     p.info.name = name;
     p.info.kind = ParamKind::kScalar;
@@ -93,7 +93,7 @@ constexpr Param<P, R> scalar(std::string_view name, Value<R> P::*member, std::st
 }
 
 template <class P, class R>
-constexpr Param<P, R> color(std::string_view name, Value<Spectrum<R>> P::*member,
+constexpr Param<P, R> color(std::string_view name, Value<Spectrum<R>> P::* member,
                             std::string_view doc) {
     Param<P, R> p;
     p.info.name = name;
@@ -104,7 +104,7 @@ constexpr Param<P, R> color(std::string_view name, Value<Spectrum<R>> P::*member
 }
 
 template <class P, class R>
-constexpr Param<P, R> choice(std::string_view name, Value<int> P::*member,
+constexpr Param<P, R> choice(std::string_view name, Value<int> P::* member,
                              std::span<const std::string_view> choices, std::string_view doc) {
     Param<P, R> p;
     p.info.name = name;
