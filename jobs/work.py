@@ -180,6 +180,8 @@ def stop_reason(
 # -- images (in the utility child) --------------------------------------------------------------
 def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
+    import numpy as np
+
     film = _film(stored, header, request)
     output = request["output"]
     depths = output.get("bit_depth", {})
@@ -189,7 +191,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     report = film.report | {
         "job": job,
         "assets": request["assets"]["pins"],
-        "samples_per_pixel": [int(counts.min()), int(counts.max())],
+        "samples_per_pixel": [int(np.min(counts)), int(np.max(counts))],
         "chunks_rendered": request["chunks_rendered"],
         "reports_superseded": request["reports_superseded"],
     }

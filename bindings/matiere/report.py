@@ -78,7 +78,7 @@ def standard_error_summary(film: Film) -> dict[str, float | None]:
     return {
         "mean": float(known.mean()),
         "p95": float(np.quantile(known, 0.95)),
-        "max": float(known.max()),
+        "max": float(np.max(known)),
     }
 
 
