@@ -7,6 +7,7 @@
 
 #include "base/error.h"
 #include "base/parallel.h"
+#include "param_value.h"
 #include "scene/scene.h"
 
 namespace py = pybind11;
@@ -36,18 +37,6 @@ std::vector<float> image(const Array<float>& a, const char* name) {
     if (a.ndim() != 3 || a.shape(2) != 3)
         throw py::value_error(std::string(name) + " must have shape (H, W, 3)");
     return std::vector<float>(a.data(), a.data() + a.size());
-}
-
-ParamValue param(const py::handle& v) {
-    if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
-    if (py::isinstance<py::str>(v)) return v.cast<std::string>();
-    if (py::isinstance<py::float_>(v) || py::isinstance<py::int_>(v)) return v.cast<double>();
-    if (py::isinstance<py::tuple>(v) && py::len(v) == 2) {
-        const auto t = v.cast<py::tuple>();
-        if (py::isinstance<py::str>(t[0]) && t[0].cast<std::string>() == "texture")
-            return TextureRef{t[1].cast<int>()};
-    }
-    return v.cast<Triple>();
 }
 
 void set_film(RenderDescription& d, int width, int height, const std::string& filter,
@@ -84,9 +73,8 @@ int add_material(RenderDescription& d, const std::string& type, const py::dict& 
                  const std::string& pointer) {
     MaterialDescription m;
     m.type = type;
-    for (const auto& [key, value] : params)
-        if (!value.is_none()) m.params[key.cast<std::string>()] = param(value);
-    if (!emission.is_none()) m.emission = param(emission);
+    m.params = param_values(params);
+    if (!emission.is_none()) m.emission = param_value(emission);
     m.two_sided = two_sided;
     m.priority = priority;
     m.name = name;
