@@ -250,7 +250,13 @@ def tell(
     return len(bad)
 
 
+def leave(_number: int, _frame: object) -> None:
+    """End on SIGTERM as on Ctrl-C, so that the service is stopped too."""
+    raise KeyboardInterrupt
+
+
 if __name__ == "__main__":
+    signal.signal(signal.SIGTERM, leave)
     try:
         sys.exit(main())
     except MatiereError as problem:

@@ -7,6 +7,7 @@ import json
 import os
 import subprocess
 import sys
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
@@ -16,6 +17,7 @@ import pytest
 
 import matiere as mt
 from matiere.service.client import JobStatus
+from matiere.service.lockfile import read_announcement
 
 ROOT = Path(__file__).resolve().parents[2]
 FILES_OF_A_CELL = 4
@@ -115,3 +117,20 @@ def test_demo_runs_end_to_end_and_again_from_the_store(tmp_path: Path) -> None:
     assert all((out / "cells" / name).read_bytes() == data for name, data in images.items())
     page = (out / "report.html").read_text(encoding="utf-8")
     assert page.count("<tr>") == 25
+
+
+@pytest.mark.slow
+def test_a_terminated_demo_stops_its_service(tmp_path: Path) -> None:
+    out = tmp_path / "demo-out"
+    command = [sys.executable, str(ROOT / "examples" / "demo.py"), "--out", str(out)]
+    process = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True)
+    deadline = time.monotonic() + 120
+    found = None
+    while found is None and time.monotonic() < deadline:
+        time.sleep(0.2)
+        found = read_announcement(out / "data")
+    assert found is not None, "the service did not start"
+    process.terminate()
+    said, _ = process.communicate(timeout=120)
+    assert process.returncode == 1 and "run ./dev demo again to go on" in said, said
+    assert read_announcement(out / "data") is None, "the service is still there"
