@@ -20,13 +20,17 @@ __version__ = "0.1.0"
 # public name -> module that defines it
 _HOMES = {
     "AssetChanged": "errors",
+    "Bsdf": "probe",
+    "BsdfSample": "probe",
     "Cancelled": "errors",
     "ColourError": "errors",
     "Film": "film",
     "FilmError": "errors",
     "ImageError": "errors",
+    "Lobe": "probe",
     "MatiereError": "errors",
     "MemoryLimitError": "errors",
+    "ProbeError": "errors",
     "RenderError": "errors",
     "Scene": "scene.scene",
     "SceneModel": "scene.model",
@@ -49,13 +53,17 @@ _MODULES = ("chunks", "errors")
 
 __all__ = [
     "AssetChanged",
+    "Bsdf",
+    "BsdfSample",
     "Cancelled",
     "ColourError",
     "Film",
     "FilmError",
     "ImageError",
+    "Lobe",
     "MatiereError",
     "MemoryLimitError",
+    "ProbeError",
     "RenderError",
     "Scene",
     "SceneModel",
@@ -115,13 +123,14 @@ if TYPE_CHECKING:
         ImageError,
         MatiereError,
         MemoryLimitError,
+        ProbeError,
         RenderError,
         SceneValidationError,
     )
     from matiere.film import Film, load_film
     from matiere.imageio import read_image, write_image
     from matiere.materials import info, materials, metals
-    from matiere.probe import bsdf
+    from matiere.probe import Bsdf, BsdfSample, Lobe, bsdf
     from matiere.render import render
     from matiere.scene.digest import film_key
     from matiere.scene.load import load, loads

@@ -7,6 +7,7 @@
     +-- ImageError               an image file cannot be read or written
     +-- FilmError                a film file cannot be read, or two films do not belong together
     +-- MemoryLimitError         a render would need more memory than it may use
+    +-- ProbeError               directions or random numbers given to a probe are no use
     +-- RenderError              a render could not start or go on
     +-- Cancelled                a render was stopped from outside
 
@@ -104,6 +105,12 @@ class MemoryLimitError(MatiereError):
     """A render would need more memory than the limit allows."""
 
     default_code = "memory_limit"
+
+
+class ProbeError(MatiereError, ValueError):
+    """Directions or random numbers given to `Bsdf` have the wrong shape, length or range."""
+
+    default_code = "invalid_array"
 
 
 class RenderError(MatiereError):

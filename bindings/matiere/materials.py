@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from copy import deepcopy
 from functools import lru_cache
 from importlib.resources import files
 from typing import Any
@@ -18,10 +19,15 @@ def _rows() -> tuple[dict[str, Any], ...]:
 def materials() -> list[dict[str, Any]]:
     """List every material model with its parameter table.
 
-    Each entry has `type`, `doc`, `source` (author, year, equations), `params` (rows with `name`,
-    `kind`, `default`, `min`, `max`, `unit`, `doc`, ...) and the rules that tie parameters together.
+    Each entry is a dict: `type`; `doc`; `source` (author, year, equations); `features`; `params`, a
+    list of rows; and the rules that tie parameters together: `exclusive` (at most one of these
+    names), `one_of` (at least one), `together` (all or none), `requires` (the first only with the
+    second). A row has `name`; `kind` (scalar, color, bool, enum, metal); `default` (filled in when
+    absent); `implied` (what absence means where several names say the same thing); `required`;
+    `min`, `max`, `min_exclusive` (null: unlimited); `unit`; `doc`; `texture` (may be one);
+    `constant_only`; `choices` (of an enum). `GET /v1/materials` serves the same list.
     """
-    return [dict(row) for row in _rows()]
+    return deepcopy(list(_rows()))
 
 
 @lru_cache(maxsize=1)

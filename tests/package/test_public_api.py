@@ -10,8 +10,9 @@ import pytest
 import matiere as mt
 
 PUBLIC = {
-    "AssetChanged", "Cancelled", "ColourError", "Film", "FilmError", "ImageError", "MatiereError",
-    "MemoryLimitError", "RenderError", "Scene", "SceneModel", "SceneValidationError",
+    "AssetChanged", "Bsdf", "BsdfSample", "Cancelled", "ColourError", "Film", "FilmError",
+    "ImageError", "Lobe", "MatiereError",
+    "MemoryLimitError", "ProbeError", "RenderError", "Scene", "SceneModel", "SceneValidationError",
     "__version__", "bsdf", "chunks", "develop", "errors", "film_key", "info", "load", "load_film",
     "loads", "materials", "metals", "read_image", "render", "schema", "write_image",
 }  # fmt: skip
@@ -45,7 +46,7 @@ def test_errors_have_one_root_code_message_and_pointer() -> None:
         for n in mt.__all__
         if isinstance(getattr(mt, n), type) and issubclass(getattr(mt, n), Exception)
     ]
-    assert len(kinds) == 9
+    assert len(kinds) == 10
     for kind in kinds:
         assert issubclass(kind, mt.MatiereError)
     error = mt.ImageError("cannot", pointer="/output")
