@@ -10,6 +10,7 @@
 #include "material/models/dielectric.h"
 #include "material/models/lambert.h"
 #include "material/models/mirror.h"
+#include "material/models/oren_nayar.h"
 #include "material/models/plastic.h"
 
 namespace matiere {
@@ -29,7 +30,8 @@ using ModelList = TypeList<
     Conductor<R>,
     CookTorrance<R>,
     Dielectric<R>,
-    Mirror<R>
+    Mirror<R>,
+    OrenNayar<R>
 >;
 // clang-format on
 

@@ -7,6 +7,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+from classic_cases import CLASSIC
+
 from matiere import _core
 
 ROWS: dict[str, dict[str, Any]] = {row["type"]: row for row in _core.materials()}
@@ -110,6 +112,7 @@ PICKED = (
     Case("dielectric", {"eta": 0.7, "alpha": 0.2}),
     Case("dielectric", {"eta": 1.0 + 1e-4, "alpha": 0.3}),
     Case("dielectric", {"eta": 1.0, "alpha": 0.3}),
+    *(Case(kind, params) for kind, params in CLASSIC),
 )
 
 
