@@ -64,44 +64,31 @@ template <class R>
 class Probe {
  public:
     explicit Probe(const MaterialDescription& d)
-        : recipe_(make_recipe<R>(d, TextureTable(), tables_)), below_(recipe_.model) {
-        visit_model(recipe_.model, [&]<class M>(const M& m) {
-            if constexpr (InterfaceModel<M, R>) below_ = m.at_interface(R(1) / m.interior().eta);
+        : recipe_(make_recipe<R>(d, TextureTable(), tables_)), below_(recipe_.model()) {
+        const ModelRecipe<R>* part = recipe_.interface();
+        if (!part) return;
+        visit_model(part->model(), [&]<class M>(const M& m) {
+            if constexpr (InterfaceModel<M, R>)
+                below_ = recipe_.at(TextureTable(), {}, R(1) / m.interior().eta, nested_);
         });
     }
+    Probe(const Probe&) = delete;
+    Probe& operator=(const Probe&) = delete;
 
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
         const bool below = wo.z < R(0);
-        return visit_model(model(below), [&]<class M>(const M& m) -> BsdfEval<R> {
-            if constexpr (std::same_as<M, std::monostate>)
-                return {};
-            else
-                return m.eval(mirrored(wo, below), mirrored(wi, below));
-        });
+        return eval_model(model(below), mirrored(wo, below), mirrored(wi, below));
     }
 
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
         const bool below = wo.z < R(0);
         if (wo.z == R(0)) return {};
-        auto s =
-            visit_model(model(below), [&]<class M>(const M& m) -> std::optional<BsdfSample<R>> {
-                if constexpr (std::same_as<M, std::monostate>)
-                    return {};
-                else
-                    return m.sample(mirrored(wo, below), u);
-            });
+        auto s = sample_model(model(below), mirrored(wo, below), u);
         if (s) s->wi = mirrored(s->wi, below);
         return s;
     }
 
-    std::uint8_t lobes() const {
-        return visit_model(recipe_.model, []<class M>(const M& m) -> std::uint8_t {
-            if constexpr (std::same_as<M, std::monostate>)
-                return 0;
-            else
-                return m.lobes();
-        });
-    }
+    std::uint8_t lobes() const { return model_lobes<R>(recipe_.model()); }
 
     Array<R> eval_rows(const Rows<R>& wo, const Rows<R>& wi) const {
         const FlushDenormals as_in_a_render;
@@ -160,11 +147,12 @@ class Probe {
 
  private:
     static Vec3<R> mirrored(Vec3<R> w, bool below) { return {w.x, w.y, below ? -w.z : w.z}; }
-    const AnyModel<R>& model(bool below) const { return below ? below_ : recipe_.model; }
+    const AnyModel<R>& model(bool below) const { return below ? below_ : recipe_.model(); }
 
     TableStore<R> tables_;
     ModelRecipe<R> recipe_;
     AnyModel<R> below_;  // as seen from the other side
+    NestedModels<R> nested_;
 };
 
 using AnyProbe = std::variant<Probe<float>, Probe<double>>;

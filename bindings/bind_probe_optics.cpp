@@ -84,6 +84,7 @@ class PyMaterials {
             d.params = param_values(m["params"].cast<py::dict>());
             if (m.contains("two_sided")) d.two_sided = m["two_sided"].cast<bool>();
             if (m.contains("emission")) d.emission = param_value(m["emission"]);
+            if (m.contains("opacity")) d.opacity = param_value(m["opacity"]);
             d.pointer = "/materials/" + std::to_string(descriptions.size());
             descriptions.push_back(std::move(d));
         }
@@ -93,7 +94,8 @@ class PyMaterials {
     using V = std::array<float, 3>;
     static Vec3f v3(const V& v) { return {v[0], v[1], v[2]}; }
 
-    Bsdf at(int material, const py::dict& point, const V& wo, float eta_rel) const {
+    std::unique_ptr<Bsdf> at(int material, const py::dict& point, const V& wo,
+                             float eta_rel) const {
         SurfacePoint p{};
         p.n_g = v3(point["n_g"].cast<V>());
         p.n_s = v3(point["n_s"].cast<V>());
@@ -102,7 +104,7 @@ class PyMaterials {
             const auto uv = point["uv"].cast<std::array<float, 2>>();
             p.uv = {uv[0], uv[1]};
         }
-        return Bsdf(*table_, material, p, v3(wo), eta_rel);
+        return std::make_unique<Bsdf>(*table_, material, p, v3(wo), eta_rel);
     }
 
     py::dict record(int material) const {
@@ -112,11 +114,16 @@ class PyMaterials {
         d["has_interior"] = r.has_interior;
         d["emissive"] = r.emissive;
         d["delta_only"] = r.delta_only;
+        d["passes"] = r.passes;
         d["eta_interior"] = r.eta_interior;
         d["sigma_a"] = py::make_tuple(r.sigma_a[0], r.sigma_a[1], r.sigma_a[2]);
         d["features"] = r.features;
         d["lobes"] = r.lobes;
         return d;
+    }
+
+    float pass_through(int material, float u, float v) const {
+        return table_->pass_through(material, {u, v});
     }
 
     py::array_t<float> emission(int material, float u, float v) const {
@@ -131,12 +138,12 @@ class PyMaterials {
 
 py::tuple world_eval(const PyMaterials& t, int material, const py::dict& point,
                      const PyMaterials::V& wo, const Array<float>& wi, float eta_rel) {
-    const Bsdf bsdf = t.at(material, point, wo, eta_rel);
+    const auto bsdf = t.at(material, point, wo, eta_rel);
     const py::ssize_t n = wi.shape(0);
     py::array_t<float> f({n, py::ssize_t(3)}), pdf(n);
     for (py::ssize_t k = 0; k < n; ++k) {
         const auto e =
-            bsdf.eval(PyMaterials::v3(wo), {*wi.data(k, 0), *wi.data(k, 1), *wi.data(k, 2)});
+            bsdf->eval(PyMaterials::v3(wo), {*wi.data(k, 0), *wi.data(k, 1), *wi.data(k, 2)});
         for (int c = 0; c < 3; ++c) *f.mutable_data(k, c) = e.f[c];
         *pdf.mutable_data(k) = e.pdf;
     }
@@ -145,13 +152,13 @@ py::tuple world_eval(const PyMaterials& t, int material, const py::dict& point,
 
 py::tuple world_sample(const PyMaterials& t, int material, const py::dict& point,
                        const PyMaterials::V& wo, const Array<float>& u, float eta_rel) {
-    const Bsdf bsdf = t.at(material, point, wo, eta_rel);
+    const auto bsdf = t.at(material, point, wo, eta_rel);
     const py::ssize_t n = u.shape(0);
     py::array_t<float> wi({n, py::ssize_t(3)}), weight({n, py::ssize_t(3)}), pdf(n);
     Counters counters;
     for (py::ssize_t k = 0; k < n; ++k) {
-        const auto s = bsdf.sample(PyMaterials::v3(wo),
-                                   {*u.data(k, 0), *u.data(k, 1), *u.data(k, 2)}, counters);
+        const auto s = bsdf->sample(PyMaterials::v3(wo),
+                                    {*u.data(k, 0), *u.data(k, 1), *u.data(k, 2)}, counters);
         for (int c = 0; c < 3; ++c) {
             *wi.mutable_data(k, c) = s ? s->wi[std::size_t(c)] : 0.0F;
             *weight.mutable_data(k, c) = s ? s->weight[c] : 0.0F;
@@ -203,6 +210,7 @@ void bind_probe_optics(py::module_& parent) {
              py::arg("wrap") = "repeat")
         .def("record", &PyMaterials::record)
         .def("emission", &PyMaterials::emission)
+        .def("pass_through", &PyMaterials::pass_through)
         .def("eval", &world_eval, py::arg("material"), py::arg("point"), py::arg("wo"),
              py::arg("wi"), py::arg("eta_rel") = 1.0F)
         .def("sample", &world_sample, py::arg("material"), py::arg("point"), py::arg("wo"),

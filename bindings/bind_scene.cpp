@@ -69,12 +69,13 @@ int add_texture(RenderDescription& d, const Array<float>& pixels, const std::str
 }
 
 int add_material(RenderDescription& d, const std::string& type, const py::dict& params,
-                 const py::object& emission, bool two_sided, int priority, const std::string& name,
-                 const std::string& pointer) {
+                 const py::object& emission, const py::object& opacity, bool two_sided,
+                 int priority, const std::string& name, const std::string& pointer) {
     MaterialDescription m;
     m.type = type;
     m.params = param_values(params);
     if (!emission.is_none()) m.emission = param_value(emission);
+    if (!opacity.is_none()) m.opacity = param_value(opacity);
     m.two_sided = two_sided;
     m.priority = priority;
     m.name = name;
@@ -123,8 +124,9 @@ void bind_description(py::module_& m) {
         .def("add_texture", &add_texture, py::arg("pixels"), py::arg("wrap") = "repeat",
              py::arg("pointer") = "")
         .def("add_material", &add_material, py::arg("type"), py::arg("params"),
-             py::arg("emission") = py::none(), py::arg("two_sided") = true, py::arg("priority") = 0,
-             py::arg("name") = "", py::arg("pointer") = "")
+             py::arg("emission") = py::none(), py::arg("opacity") = py::none(),
+             py::arg("two_sided") = true, py::arg("priority") = 0, py::arg("name") = "",
+             py::arg("pointer") = "")
         .def("add_mesh", &add_mesh, py::arg("positions"), py::arg("triangles"),
              py::arg("normals") = py::none(), py::arg("uv") = py::none(), py::arg("material") = 0,
              py::arg("name") = "", py::arg("pointer") = "")

@@ -1,4 +1,5 @@
-// One parameter value from Python: number, colour, word, flag, or ("texture", index).
+// One parameter value from Python: number, colour, word, flag, ("texture", index), or the dict of
+// another material: its "type" and its parameters.
 #pragma once
 
 #include <pybind11/pybind11.h>
@@ -10,8 +11,20 @@
 
 namespace matiere {
 
+inline std::map<std::string, ParamValue> param_values(const pybind11::dict& params);
+
 inline ParamValue param_value(const pybind11::handle& v) {
     namespace py = pybind11;
+    if (py::isinstance<py::dict>(v)) {
+        auto nested = std::make_shared<MaterialDescription>();
+        nested->params = param_values(v.cast<py::dict>());
+        const auto type = nested->params.find("type");
+        if (type != nested->params.end()) {
+            if (const auto* word = std::get_if<std::string>(&type->second)) nested->type = *word;
+            nested->params.erase(type);
+        }
+        return NestedDescription(nested);
+    }
     if (py::isinstance<py::bool_>(v)) return v.cast<bool>();
     if (py::isinstance<py::str>(v)) return v.cast<std::string>();
     if (PyNumber_Check(v.ptr()) != 0 && PySequence_Check(v.ptr()) == 0) return v.cast<double>();

@@ -66,6 +66,7 @@ class RenderDescription:
         type: str,
         params: dict[str, Any],
         emission: Any = ...,
+        opacity: Any = ...,
         two_sided: bool = ...,
         priority: int = ...,
         name: str = ...,

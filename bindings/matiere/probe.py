@@ -184,7 +184,7 @@ def validated(description: Mapping[str, Any]) -> MaterialModel:
         raise SceneValidationError(first.values())
     if textures := material.textures():
         why = "a material outside a scene takes numbers and colours, no textures"
-        raise SceneValidationError([Fault(pointer(next(iter(textures))), "unsupported", why)])
+        raise SceneValidationError([Fault(pointer(*next(iter(textures))), "unsupported", why)])
     return material
 
 

@@ -95,18 +95,21 @@ class Walk {
 
     /// Direct light and the next direction; false where the path ends.
     bool scatter(const SurfaceHit& s, float eta_rel) {
-        if (settings_.max_depth >= 0 && depth_ >= settings_.max_depth) return false;
+        const bool last = settings_.max_depth >= 0 && depth_ >= settings_.max_depth;
+        if (last && !scene_.materials()[s.material].passes) return false;
         if (depth_ >= kDepthGuard) {
             ++counters_.depth_guard;
             return false;
         }
         const Vec3f wo = -ray_.direction;
         const Bsdf bsdf(scene_.materials(), s.material, s.point, wo, eta_rel);
-        if (!scene_.lights().empty() && !bsdf.is_delta()) direct(s, bsdf, wo);
+        if (!last && !scene_.lights().empty() && !bsdf.is_delta()) direct(s, bsdf, wo);
 
-        const SampleBlock u = sampler_.block(std::uint32_t(depth_), Purpose::kBsdf);
+        const SampleBlock u = sampler_.block(std::uint32_t(depth_ + passed_), Purpose::kBsdf);
         const auto sample = bsdf.sample(wo, u.uniform3(0), counters_);
         if (!sample) return false;
+        if ((sample->lobe & kNull) != 0) return pass(s);
+        if (last) return false;
         beta_ *= sample->weight;
         ++depth_;
         specular_ = (sample->lobe & kSpecular) != 0;
@@ -121,9 +124,19 @@ class Walk {
         return survive(u.uniform(3));
     }
 
+    /// Goes on as if the surface were not there: no event, and lights ahead are still seen from the
+    /// last scattering point.
+    bool pass(const SurfaceHit& s) {
+        ++passed_;
+        if (scene_.materials()[s.material].has_interior)
+            move_through(scene_, s, dot(s.point.n_g, ray_.direction) < 0, interior_, counters_);
+        ray_.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray_.direction);
+        return true;
+    }
+
     void direct(const SurfaceHit& s, const Bsdf& bsdf, Vec3f wo) {
         const auto light = scene_.lights().sample(
-            s.point.p, sampler_.block(std::uint32_t(depth_), Purpose::kLight));
+            s.point.p, sampler_.block(std::uint32_t(depth_ + passed_), Purpose::kLight));
         if (!light || (settings_.strategy == Strategy::kBsdfOnly && !light->delta)) return;
         const auto value = bsdf.eval(wo, light->wi, counters_);
         if (value.f.is_black()) return;
@@ -170,7 +183,7 @@ class Walk {
     Spectrumf beta_{1.0F}, L_;
     float alpha_ = 1, eta_scale_ = 1, bsdf_pdf_ = 0;
     bool specular_ = true;
-    int depth_ = 0;
+    int depth_ = 0, passed_ = 0;  // scattering events; surfaces passed through, which are none
 };
 
 }  // namespace

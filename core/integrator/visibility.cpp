@@ -9,8 +9,8 @@ namespace {
 /// A shadow ray ends this part of its length before the light's own surface, several roundings of
 /// its ray parameter, so that the light does not shadow itself.
 constexpr float kShadowEnd = 1 - 0x1p-18F;
-/// Hidden interfaces one shadow ray may pass.
-constexpr int kMaxHidden = 1000;
+/// Surfaces that one shadow ray may pass.
+constexpr int kMaxPassed = 1000;
 
 Ray shadow_ray(const SurfaceHit& s, const LightSample& light) {
     const Vec3f origin = offset_origin(s.point.p, s.error, s.point.n_g, light.wi);
@@ -19,22 +19,27 @@ Ray shadow_ray(const SurfaceHit& s, const LightSample& light) {
     return {origin, target - origin, kShadowEnd};
 }
 
-/// Walks through the interfaces that lie hidden inside a medium of higher priority.
-Spectrumf walk_hidden(const Scene& scene, Ray ray, InteriorStack inside, Counters& counters) {
+/// Walks through what does not stop light: interfaces hidden inside a medium of higher priority,
+/// and what opacity and null parts let pass.
+Spectrumf walk(const Scene& scene, Ray ray, InteriorStack inside, Counters& counters) {
     Spectrumf result(1.0F);
     const Vec3f end = ray.origin + ray.direction;
     const bool infinite = ray.t_max > 1;
-    for (int i = 0; i < kMaxHidden; ++i) {
+    for (int i = 0; i < kMaxPassed; ++i) {
         ++counters.shadow_rays;
         const RayHit hit = scene.intersect(ray);
         const float scale = length(ray.direction);
         result *= absorb(scene, inside, hit.missed() ? ray.t_max * scale : hit.t * scale);
         if (hit.missed() || result.is_black()) return result;
         const SurfaceHit s = scene.surface(ray, hit);
-        if (s.material < 0 || !scene.materials()[s.material].has_interior) return {};
+        if (s.material < 0) return {};
+        const bool interior = scene.materials()[s.material].has_interior;
         const bool entering = dot(s.point.n_g, ray.direction) < 0;
-        if (!cross_interface(scene.materials(), s.material, entering, inside).hidden) return {};
-        move_through(scene, s, entering, inside, counters);
+        if (!interior || !cross_interface(scene.materials(), s.material, entering, inside).hidden) {
+            result *= scene.materials().pass_through(s.material, s.point.uv);
+            if (result.is_black()) return {};
+        }
+        if (interior) move_through(scene, s, entering, inside, counters);
         ray.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray.direction);
         if (!infinite) ray.direction = end - ray.origin;
     }
@@ -61,7 +66,7 @@ void move_through(const Scene& scene, const SurfaceHit& s, bool entering, Interi
 Spectrumf transmittance(const Scene& scene, const SurfaceHit& s, const LightSample& light,
                         InteriorStack inside, Counters& counters) {
     const Ray ray = shadow_ray(s, light);
-    if (scene.nested_interiors()) return walk_hidden(scene, ray, inside, counters);
+    if (scene.shadows_walk()) return walk(scene, ray, inside, counters);
     ++counters.shadow_rays;
     if (scene.occluded(ray)) return {};
     if (inside.empty()) return Spectrumf(1.0F);

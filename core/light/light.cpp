@@ -24,12 +24,12 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
             [&](const DirectionalLight& l) { return disk * luminance(l.irradiance); },
             [](const RectangleLight& l) { return double(l.shape.area) * luminance(l.radiance); },
             [&](const MeshLight& l) {
-                return l.shape.area() * luminance(materials[l.material].emission) *
+                return l.shape.area() * luminance(materials.mean_emission(l.material)) *
                        sides(l.material);
             },
             [&](const SphereLight& l) {
                 const double r = double(l.shape.sphere.radius);
-                return 4 * kPi<double> * r * r * luminance(materials[l.material].emission);
+                return 4 * kPi<double> * r * r * luminance(materials.mean_emission(l.material));
             },
             [&](const EnvironmentTag&) {
                 return 4 * kPi<double> * disk * environment->sampled_luminance();

@@ -3,6 +3,7 @@
 
 #include <array>
 #include <map>
+#include <memory>
 #include <string>
 #include <variant>
 
@@ -13,13 +14,19 @@ struct TextureRef {
     bool operator==(const TextureRef&) const = default;
 };
 
-/// A number, a linear Rec.709 colour, a word (enum), a flag, or a texture.
-using ParamValue = std::variant<double, std::array<double, 3>, std::string, bool, TextureRef>;
+struct MaterialDescription;
+using NestedDescription = std::shared_ptr<const MaterialDescription>;
 
+/// A number, a linear Rec.709 colour, a word (enum), a flag, a texture, or another material.
+using ParamValue =
+    std::variant<double, std::array<double, 3>, std::string, bool, TextureRef, NestedDescription>;
+
+/// Of a nested material only type and params count; its pointer is made from its parent's.
 struct MaterialDescription {
     std::string type;  ///< a model name of models.h
     std::map<std::string, ParamValue> params;
     ParamValue emission = 0.0;  ///< radiance [W/m^2/sr]; number, colour or texture
+    ParamValue opacity = 1.0;   ///< share of the surface that is there; number or texture
     bool two_sided = true;      ///< opaque models: scatter on both sides; else the back is black
     int priority = 0;           ///< interiors: the higher priority wins where two overlap
     std::string name;

@@ -12,6 +12,7 @@ namespace {
 /// Shading normals that would face away from the viewer are bent until wo is just above their
 /// horizon; 1e-3 keeps the black rim of coarse meshes away and cosines out of the denormals.
 constexpr float kMinShadingCosine = 1e-3F;
+constexpr std::uint8_t kNullLobes = kSpecular | kTransmission | kNull;
 
 Vec3f bend_towards(Vec3f n_s, Vec3f wo, Vec3f n_g) {
     const float target = std::min(kMinShadingCosine, dot(wo, n_g));
@@ -47,28 +48,48 @@ void read_emission(const MaterialDescription& d, const TextureTable& textures, M
     r.emissive = !r.emission.is_black();
 }
 
+void read_opacity(const MaterialDescription& d, const TextureTable& textures, MaterialRecord& r) {
+    const std::string pointer = d.pointer + "/opacity";
+    float low = 1, high = 1;
+    if (const auto* number = std::get_if<double>(&d.opacity)) {
+        low = high = r.opacity = float(*number);
+    } else if (const auto* ref = std::get_if<TextureRef>(&d.opacity)) {
+        if (ref->index < 0 || ref->index >= textures.size())
+            throw SceneError("unknown_texture", "opacity names a texture that does not exist",
+                             pointer);
+        const ImageTexture& image = textures[ref->index];
+        low = image.minimum()[0];
+        high = image.maximum()[0];
+        r.opacity_texture = ref->index;
+        r.opacity = image.mean()[0];
+    } else {
+        throw SceneError("wrong_type", "opacity must be a number or a texture", pointer);
+    }
+    if (!(low >= 0.0F && high <= 1.0F))
+        throw SceneError("out_of_range", "opacity must be at least 0 and at most 1", pointer);
+    r.emissive = r.emissive && high > 0.0F;
+    r.passes = low < 1.0F || (r.lobes & kNull) != 0;
+    if (low < 1.0F) r.lobes |= kNullLobes;
+}
+
 MaterialRecord make_record(const MaterialDescription& d, const TextureTable& textures,
                            TableStore<float>& tables) {
     MaterialRecord r;
     r.recipe = make_recipe<float>(d, textures, tables);
     r.two_sided = d.two_sided;
     r.priority = d.priority;
+    r.features = r.recipe.features();
+    r.lobes = r.recipe.lobes();
+    if (const auto* part = r.recipe.interface())
+        visit_model(part->model(), [&]<class M>(const M& m) {
+            if constexpr (InterfaceModel<M, float>) {
+                r.has_interior = true;
+                r.eta_interior = m.interior().eta;
+                r.sigma_a = m.interior().sigma_a;
+            }
+        });
     read_emission(d, textures, r);
-    visit_model(r.recipe.model, [&]<class M>(const M& m) {
-        if constexpr (!std::same_as<M, std::monostate>) {
-            r.features = M::kFeatures;
-            r.lobes = m.lobes();
-        }
-        // Only a lobe that is wider one way needs the tangent.
-        if constexpr (requires { m.is_anisotropic(); })
-            if (!r.recipe.textured() && !m.is_anisotropic())
-                r.features &= ~std::uint32_t(kFeatureAnisotropic);
-        if constexpr (InterfaceModel<M, float>) {
-            r.has_interior = true;
-            r.eta_interior = m.interior().eta;
-            r.sigma_a = m.interior().sigma_a;
-        }
-    });
+    read_opacity(d, textures, r);
     r.delta_only = (r.lobes & (kDiffuse | kGlossy)) == 0;
     if (r.recipe.textured()) r.features |= kFeatureTextured;
     if (r.emissive) r.features |= kFeatureEmission;
@@ -86,7 +107,27 @@ MaterialTable::MaterialTable(const std::vector<MaterialDescription>& description
 
 Spectrumf MaterialTable::emission(int material, Vec2f uv) const {
     const MaterialRecord& r = (*this)[material];
-    return r.emission_texture < 0 ? r.emission : (*textures_)[r.emission_texture].lookup(uv);
+    const Spectrumf full =
+        r.emission_texture < 0 ? r.emission : (*textures_)[r.emission_texture].lookup(uv);
+    return r.passes ? full * opacity(material, uv) : full;
+}
+
+float MaterialTable::opacity(int material, Vec2f uv) const {
+    const MaterialRecord& r = (*this)[material];
+    return r.opacity_texture < 0 ? r.opacity : (*textures_)[r.opacity_texture].lookup(uv)[0];
+}
+
+float MaterialTable::pass_through(int material, Vec2f uv) const {
+    const MaterialRecord& r = (*this)[material];
+    if (!r.passes) return 0.0F;
+    float null_share = 0.0F;
+    if ((r.recipe.lobes() & kNull) != 0) {
+        NestedModels<float> nested;
+        null_share = r.recipe.textured()
+                         ? model_null_share<float>(r.recipe.at(*textures_, uv, 1.0F, nested))
+                         : model_null_share<float>(r.recipe.model());
+    }
+    return 1.0F - opacity(material, uv) * (1.0F - null_share);
 }
 
 Bsdf::Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, Vec3f wo,
@@ -103,18 +144,11 @@ Bsdf::Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, 
     n_s = bend_towards(n_s, wo, n_g_);
     frame_ = (record.features & kFeatureAnisotropic) ? Framef::from_normal_tangent(n_s, point.dpdu)
                                                      : Framef::from_normal(n_s);
-    if (record.recipe.textured())
-        own_ = record.recipe.at(table.textures(), point.uv);
+    if (record.recipe.textured() || record.has_interior)
+        own_ = record.recipe.at(table.textures(), point.uv, eta_rel, nested_);
     else
-        constant_ = &record.recipe.model;
-    if (!interface) return;
-    visit_model(model(), [&]<class M>(const M& m) {
-        if constexpr (InterfaceModel<M, float>) {
-            const M met = m.at_interface(eta_rel);
-            own_ = met;
-            constant_ = nullptr;
-        }
-    });
+        constant_ = &record.recipe.model();
+    if (record.passes) opacity_ = table.opacity(material, point.uv);
 }
 
 BsdfEval<float> Bsdf::eval(Vec3f wo, Vec3f wi) const {
@@ -122,12 +156,12 @@ BsdfEval<float> Bsdf::eval(Vec3f wo, Vec3f wi) const {
     const Vec3f local_i = frame_.to_local(wi);
     const float side = dot(wi, n_g_);
     if (black_ || !(local_o.z > 0.0F) || !(local_i.z * side > 0.0F)) return {};
-    return visit_model(model(), [&]<class M>(const M& m) -> BsdfEval<float> {
-        if constexpr (std::same_as<M, std::monostate>)
-            return {};
-        else
-            return m.eval(local_o, local_i);
-    });
+    BsdfEval<float> e = eval_model(model(), local_o, local_i);
+    if (opacity_ < 1.0F) {
+        e.f *= opacity_;
+        e.pdf *= opacity_;
+    }
+    return e;
 }
 
 BsdfEval<float> Bsdf::eval(Vec3f wo, Vec3f wi, Counters& counters) const {
@@ -138,14 +172,19 @@ BsdfEval<float> Bsdf::eval(Vec3f wo, Vec3f wi, Counters& counters) const {
 }
 
 std::optional<BsdfSample<float>> Bsdf::sample(Vec3f wo, Vec3f u, Counters& counters) const {
+    if (!(opacity_ < 1.0F)) return sample_surface(wo, u, counters);
+    const float gap = 1.0F - opacity_;
+    if (u.x < gap) return BsdfSample<float>{-wo, Spectrumf(1.0F), gap, kNullLobes};
+    u.x = std::min((u.x - gap) / opacity_, kOneMinusEpsilon<float>);
+    auto s = sample_surface(wo, u, counters);
+    if (s) s->pdf *= opacity_;
+    return s;
+}
+
+std::optional<BsdfSample<float>> Bsdf::sample_surface(Vec3f wo, Vec3f u, Counters& counters) const {
     const Vec3f local_o = frame_.to_local(wo);
     if (black_ || !(local_o.z > 0.0F)) return {};
-    auto s = visit_model(model(), [&]<class M>(const M& m) -> std::optional<BsdfSample<float>> {
-        if constexpr (std::same_as<M, std::monostate>)
-            return {};
-        else
-            return m.sample(local_o, u);
-    });
+    auto s = sample_model(model(), local_o, u);
     if (!s) return {};
     if (!s->weight.is_finite() || !std::isfinite(s->pdf) || !is_finite(s->wi)) {
         counters.reject(Reject::kNonFiniteSample, material_);
@@ -154,6 +193,10 @@ std::optional<BsdfSample<float>> Bsdf::sample(Vec3f wo, Vec3f u, Counters& count
     if (s->weight.is_black() || !(s->pdf > 0.0F)) return {};
     // A direction above the shading horizon but below the surface (or the reverse) is absorbed, as
     // eval says; the surface would shadow it.
+    if ((s->lobe & kNull) != 0) {
+        s->wi = -wo;
+        return s;
+    }
     const float local_z = s->wi.z;
     s->wi = frame_.to_world(s->wi);
     if (!(local_z * dot(s->wi, n_g_) > 0.0F)) {
@@ -164,13 +207,9 @@ std::optional<BsdfSample<float>> Bsdf::sample(Vec3f wo, Vec3f u, Counters& count
 }
 
 std::uint8_t Bsdf::lobes() const {
-    if (black_) return 0;
-    return visit_model(model(), []<class M>(const M& m) -> std::uint8_t {
-        if constexpr (std::same_as<M, std::monostate>)
-            return 0;
-        else
-            return m.lobes();
-    });
+    const std::uint8_t gap = opacity_ < 1.0F ? kNullLobes : 0;
+    if (black_ || opacity_ == 0.0F) return gap;
+    return std::uint8_t(gap | model_lobes<float>(model()));
 }
 
 }  // namespace matiere

@@ -22,10 +22,13 @@ struct MaterialRecord {
     bool emissive = false;
     bool delta_only = false;  ///< every lobe is a delta: connecting to lights is useless
     int priority = 0;
-    float eta_interior = 1.0F;   ///< index of the medium inside
-    Spectrumf sigma_a;           ///< absorption of the medium inside [1/m]
-    Spectrumf emission;          ///< emitted radiance; the texture's mean where textured
+    float eta_interior = 1.0F;  ///< index of the medium inside
+    Spectrumf sigma_a;          ///< absorption of the medium inside [1/m]
+    Spectrumf emission;  ///< radiance emitted where opaque; the texture's mean where textured
     int emission_texture = -1;   ///< -1: constant
+    float opacity = 1.0F;        ///< share of the surface that is there; the mean where textured
+    int opacity_texture = -1;    ///< -1: constant
+    bool passes = false;         ///< may let light straight through (opacity, null parts)
     std::uint32_t features = 0;  ///< ModelFeature bits
     std::uint8_t lobes = 0;      ///< Lobe bits; all that may occur where textured
     ModelRecipe<float> recipe;
@@ -41,8 +44,14 @@ class MaterialTable {
     int size() const { return int(records_.size()); }
     const MaterialRecord& operator[](int i) const { return records_[std::size_t(i)]; }
     const TextureTable& textures() const { return *textures_; }
-    /// Emitted radiance at a point [W/m^2/sr].
+    /// Emitted radiance at a point [W/m^2/sr], as much of it as opacity leaves.
     Spectrumf emission(int material, Vec2f uv) const;
+    Spectrumf mean_emission(int material) const {
+        return (*this)[material].emission * (*this)[material].opacity;
+    }
+    float opacity(int material, Vec2f uv) const;
+    /// Share of light that a surface lets straight through at a point, at every angle.
+    float pass_through(int material, Vec2f uv) const;
 
  private:
     std::vector<MaterialRecord> records_;
@@ -57,6 +66,8 @@ class Bsdf {
     /// other side over that on the side of wo, read by interfaces only.
     Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, Vec3f wo,
          float eta_rel);
+    Bsdf(const Bsdf&) = delete;  // own_ may point into nested_
+    Bsdf& operator=(const Bsdf&) = delete;
 
     /// f |cos| and pdf for world directions. Zero where geometric and shading sides disagree, so
     /// that no light leaks through. What is not finite is zeroed and counted.
@@ -65,21 +76,26 @@ class Bsdf {
     BsdfEval<float> eval(Vec3f wo, Vec3f wi) const;
 
     /// A world direction, or nothing where the sample is absorbed or rejected. u.x picks the lobe.
+    /// A kNull sample goes on in the direction -wo: no scattering event.
     std::optional<BsdfSample<float>> sample(Vec3f wo, Vec3f u, Counters& counters) const;
 
     std::uint8_t lobes() const;
     bool is_delta() const { return (lobes() & (kDiffuse | kGlossy)) == 0; }
+    bool may_pass() const { return (lobes() & kNull) != 0; }
     /// The shading frame, its normal on the side of wo.
     const Framef& frame() const { return frame_; }
 
  private:
     const AnyModel<float>& model() const { return constant_ ? *constant_ : own_; }
+    std::optional<BsdfSample<float>> sample_surface(Vec3f wo, Vec3f u, Counters& counters) const;
 
     Framef frame_;
     Vec3f n_g_;                                  // on the side of wo
     const AnyModel<float>* constant_ = nullptr;  // null: own_
     AnyModel<float> own_;
+    NestedModels<float> nested_;  // of own_
     int material_;
+    float opacity_ = 1.0F;
     bool black_ = false;  // the back of a one-sided surface
 };
 

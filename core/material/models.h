@@ -10,6 +10,8 @@
 #include "material/models/dielectric.h"
 #include "material/models/lambert.h"
 #include "material/models/mirror.h"
+#include "material/models/mix.h"
+#include "material/models/null.h"
 #include "material/models/oren_nayar.h"
 #include "material/models/plastic.h"
 
@@ -31,6 +33,8 @@ using ModelList = TypeList<
     CookTorrance<R>,
     Dielectric<R>,
     Mirror<R>,
+    Mix<R>,
+    NullModel<R>,
     OrenNayar<R>
 >;
 // clang-format on

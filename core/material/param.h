@@ -9,12 +9,13 @@
 #include <string_view>
 
 #include "base/spectrum.h"
+#include "material/nested.h"
 
 namespace matiere {
 
 inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
-enum class ParamKind : std::uint8_t { kScalar, kColor, kBool, kEnum, kMetal };
+enum class ParamKind : std::uint8_t { kScalar, kColor, kBool, kEnum, kMetal, kMaterial };
 
 /// The type-erased part of one row.
 struct ParamInfo {
@@ -47,6 +48,7 @@ struct Param {
     Value<R> P::* scalar = nullptr;
     Value<Spectrum<R>> P::* color = nullptr;
     Value<int> P::* choice = nullptr;  ///< enums and bools
+    Value<Nested<R>> P::* nested = nullptr;
 
     constexpr Param range(double min, double max) const {
         Param p = *this;
@@ -113,6 +115,19 @@ constexpr Param<P, R> choice(std::string_view name, Value<int> P::* member,
     p.info.choices = choices;
     p.info.constant_only = true;
     p.choice = member;
+    return p;
+}
+
+/// Another material, given as an object with its own type and parameters.
+template <class P, class R>
+constexpr Param<P, R> material(std::string_view name, Value<Nested<R>> P::* member,
+                               std::string_view doc) {
+    Param<P, R> p;
+    p.info.name = name;
+    p.info.kind = ParamKind::kMaterial;
+    p.info.doc = doc;
+    p.info.constant_only = true;
+    p.nested = member;
     return p;
 }
 

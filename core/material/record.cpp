@@ -34,6 +34,8 @@ class Reader {
         throw SceneError(code, message, d_.pointer + tail);
     }
 
+    const TextureTable& textures() const { return textures_; }
+
     const ParamValue* find(std::string_view name) const {
         const auto it = d_.params.find(std::string(name));
         return it == d_.params.end() ? nullptr : &it->second;
@@ -105,6 +107,33 @@ class Reader {
     const TextureTable& textures_;
 };
 
+/// The recipe of a nested material; null where it is not given.
+template <class R>
+std::unique_ptr<ModelRecipe<R>> nested_recipe(const Reader& reader, const MaterialDescription& d,
+                                              const ParamInfo& info, TableStore<R>& tables) {
+    const ParamValue* value = reader.find(info.name);
+    if (!value) return nullptr;
+    const auto* given = std::get_if<NestedDescription>(value);
+    if (!given || !*given)
+        reader.fail("wrong_type", std::string(info.name) + " must be a material", info.name);
+    MaterialDescription child = **given;
+    child.pointer = d.pointer + "/" + std::string(info.name);
+    return std::make_unique<ModelRecipe<R>>(make_recipe<R>(child, reader.textures(), tables));
+}
+
+template <class R>
+void check_nested(const Reader& reader, const ModelRecipe<R>& recipe) {
+    if (recipe.nested_count() > kMaxNested)
+        reader.fail("too_many", "more than " + std::to_string(kMaxNested) +
+                                    " materials are nested in this one");
+    int interfaces = 0;
+    for (const auto& slot : recipe.nested) interfaces += slot.recipe->interface() ? 1 : 0;
+    if (interfaces > 1)
+        reader.fail("out_of_range",
+                    "two of the nested materials bound a medium; only one may, as the inside of "
+                    "a shape is of one medium");
+}
+
 /// Fills one row's member; returns the texture that will overwrite it at hits, or -1.
 template <class P, class R>
 int fill(const Reader& reader, const Param<P, R>& row, P& params) {
@@ -112,6 +141,7 @@ int fill(const Reader& reader, const Param<P, R>& row, P& params) {
     const ParamValue* value = reader.find(info.name);
     if (info.required && !value)
         reader.fail("missing", std::string(info.name) + " must be given", info.name);
+    if (row.nested) return -1;
     if (info.kind == ParamKind::kMetal) {
         if (value)
             reader.fail("unresolved_metal", "a metal's name must be resolved to eta and k first",
@@ -190,11 +220,27 @@ void check_names(const Reader& reader, const MaterialDescription& d) {
 template <class P, class R>
 void apply_slot(P& params, const TextureSlot& slot, const Spectrum<R>& value) {
     static constexpr auto table = P::table();
-    const auto& row = table[slot.row];
-    if (row.scalar)
-        (params.*(row.scalar)).v = value[0];
-    else if (row.color)
-        (params.*(row.color)).v = value;
+    if constexpr (table.size() > 0) {
+        const auto& row = table[slot.row];
+        if (row.scalar)
+            (params.*(row.scalar)).v = value[0];
+        else if (row.color)
+            (params.*(row.color)).v = value;
+    }
+}
+
+template <class P>
+constexpr bool has_nested() {
+    for (const auto& row : P::table())
+        if (row.nested) return true;
+    return false;
+}
+
+/// Completes a parameter with a nested model made at the hit.
+template <class P, class R>
+void apply_nested(P& params, std::uint8_t row, const ModelBox<R>* box) {
+    static constexpr auto table = P::table();
+    if constexpr (has_nested<P>()) (params.*(table[row].nested)).v.box = box;
 }
 
 template <class M, class R>
@@ -208,8 +254,15 @@ ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription
     for (const auto& row : P::table()) {
         const int texture = fill(reader, row, params);
         if (texture >= 0) recipe.slots.push_back({index, texture});
+        if (row.nested)
+            if (auto child = nested_recipe<R>(reader, d, row.info, tables)) {
+                auto& member = params.*(row.nested);
+                member = {{&child->made}, true, child->textured()};
+                recipe.nested.push_back({index, std::move(child)});
+            }
         ++index;
     }
+    check_nested(reader, recipe);
     for (const Rule& rule : P::rules()) check_rule(reader, rule);
     if constexpr (requires { M::check(params); })
         if (const ParamError error = M::check(params); !error.message.empty())
@@ -218,7 +271,7 @@ ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription
     recipe.params = params;
     for (const TextureSlot& slot : recipe.slots)
         apply_slot(params, slot, spectrum_cast<R>(textures[slot.texture].maximum()));
-    recipe.model = M::prepare(params);
+    recipe.made.model = M::prepare(params);
     return recipe;
 }
 
@@ -234,7 +287,7 @@ ModelRecipe<R> make_recipe(const MaterialDescription& description, const Texture
         if (description.type == M::kName)
             recipe = make_model_recipe<M, R>(reader, description, textures, tables);
     });
-    if (recipe.model.index() == 0)
+    if (recipe.model().index() == 0)
         reader.fail("unknown_material",
                     "no material type '" + description.type + "'; known are " + model_names(),
                     "type");
@@ -242,19 +295,103 @@ ModelRecipe<R> make_recipe(const MaterialDescription& description, const Texture
 }
 
 template <class R>
-AnyModel<R> ModelRecipe<R>::at(const TextureTable& textures, Vec2f uv) const {
-    AnyModel<R> made;
-    for_each_model<R>([&]<class M>(std::type_identity<M>) {
-        if (!std::holds_alternative<M>(model)) return;
-        constexpr std::size_t kIndex = AnyModel<R>(std::in_place_type<M>).index();
-        auto completed = std::get<kIndex>(params);
-        for (const TextureSlot& slot : slots)
-            apply_slot(completed, slot, spectrum_cast<R>(textures[slot.texture].lookup(uv)));
-        made = M::prepare(completed);
-    });
-    return made;
+bool ModelRecipe<R>::textured() const {
+    bool any = !slots.empty();
+    for (const auto& slot : nested) any |= slot.recipe->textured();
+    return any;
 }
 
+template <class R>
+const ModelRecipe<R>* ModelRecipe<R>::interface() const {
+    const ModelRecipe* found = nullptr;
+    visit_model(made.model, [&]<class M>(const M&) {
+        if constexpr (InterfaceModel<M, R>) found = this;
+    });
+    for (const auto& slot : nested)
+        if (!found) found = slot.recipe->interface();
+    return found;
+}
+
+template <class R>
+std::uint32_t ModelRecipe<R>::features() const {
+    std::uint32_t bits = 0;
+    visit_model(made.model, [&]<class M>(const M& m) {
+        if constexpr (!std::same_as<M, std::monostate>) bits = M::kFeatures;
+        // Only a lobe that is wider one way needs the tangent.
+        if constexpr (requires { m.is_anisotropic(); })
+            if (slots.empty() && !m.is_anisotropic()) bits &= ~std::uint32_t(kFeatureAnisotropic);
+    });
+    for (const auto& slot : nested) bits |= slot.recipe->features();
+    return bits;
+}
+
+template <class R>
+std::uint8_t ModelRecipe<R>::lobes() const {
+    std::uint8_t bits = model_lobes<R>(made.model);
+    if (textured())
+        for (const auto& slot : nested) bits |= slot.recipe->lobes();
+    return bits;
+}
+
+template <class R>
+int ModelRecipe<R>::nested_count() const {
+    int n = 0;
+    for (const auto& slot : nested) n += 1 + slot.recipe->nested_count();
+    return n;
+}
+
+template <class R>
+AnyModel<R> ModelRecipe<R>::at(const TextureTable& textures, Vec2f uv, R eta_rel,
+                               NestedModels<R>& room) const {
+    AnyModel<R> at_hit;
+    visit_model(made.model, [&]<class M>(const M& m) {
+        if constexpr (InterfaceModel<M, R>)
+            if (slots.empty() && nested.empty()) {
+                at_hit = m.at_interface(eta_rel);
+                return;
+            }
+        if constexpr (!std::same_as<M, std::monostate>) {
+            constexpr std::size_t kIndex = AnyModel<R>(std::in_place_type<M>).index();
+            auto completed = std::get<kIndex>(params);
+            for (const TextureSlot& slot : slots)
+                apply_slot(completed, slot, spectrum_cast<R>(textures[slot.texture].lookup(uv)));
+            for (const NestedSlot<R>& slot : nested)
+                if (slot.recipe->textured() || slot.recipe->interface())
+                    apply_nested(completed, slot.row,
+                                 room.add(slot.recipe->at(textures, uv, eta_rel, room)));
+            const M prepared = M::prepare(completed);
+            if constexpr (InterfaceModel<M, R>)
+                at_hit = prepared.at_interface(eta_rel);
+            else
+                at_hit = prepared;
+        }
+    });
+    return at_hit;
+}
+
+template <class R>
+BsdfEval<R> Nested<R>::eval(Vec3<R> wo, Vec3<R> wi) const {
+    return eval_model(box->model, wo, wi);
+}
+template <class R>
+std::optional<BsdfSample<R>> Nested<R>::sample(Vec3<R> wo, Vec3<R> u) const {
+    return sample_model(box->model, wo, u);
+}
+template <class R>
+std::uint8_t Nested<R>::lobes() const {
+    return model_lobes<R>(box->model);
+}
+template <class R>
+R Nested<R>::null_share() const {
+    return model_null_share<R>(box->model);
+}
+template <class R>
+bool Nested<R>::is_stochastic() const {
+    return model_is_stochastic<R>(box->model);
+}
+
+template struct Nested<float>;
+template struct Nested<double>;
 template struct ModelRecipe<float>;
 template struct ModelRecipe<double>;
 template ModelRecipe<float> make_recipe(const MaterialDescription&, const TextureTable&,

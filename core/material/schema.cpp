@@ -35,6 +35,8 @@ std::string_view param_kind_name(ParamKind kind) {
             return "enum";
         case ParamKind::kMetal:
             return "metal";
+        case ParamKind::kMaterial:
+            return "material";
     }
     return "";
 }

@@ -68,8 +68,11 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     materials_ = std::make_unique<MaterialTable>(description.materials, textures_);
 
     int interiors = 0;
-    for (int i = 0; i < materials_->size(); ++i) interiors += (*materials_)[i].has_interior ? 1 : 0;
-    nested_interiors_ = interiors > 1;
+    for (int i = 0; i < materials_->size(); ++i) {
+        interiors += (*materials_)[i].has_interior ? 1 : 0;
+        shadows_walk_ |= (*materials_)[i].passes;
+    }
+    shadows_walk_ |= interiors > 1;
 
     add_meshes(std::move(description.meshes));
     add_spheres(description.spheres);

@@ -53,8 +53,9 @@ class Scene {
     const LightSet& lights() const { return *lights_; }
     /// The media that the camera stands in.
     const InteriorStack& camera_interior() const { return camera_interior_; }
-    /// Whether media can overlap, so that shadow rays must look for hidden interfaces.
-    bool nested_interiors() const { return nested_interiors_; }
+    /// Whether shadow rays must look at what they meet: media can overlap, so that interfaces lie
+    /// hidden, or surfaces let light straight through.
+    bool shadows_walk() const { return shadows_walk_; }
     const SceneStats& stats() const { return stats_; }
 
  private:
@@ -76,7 +77,7 @@ class Scene {
     std::unique_ptr<LightSet> lights_;
     EmbreeScene accel_;
     InteriorStack camera_interior_;
-    bool nested_interiors_ = false;
+    bool shadows_walk_ = false;
     SceneStats stats_;
 };
 

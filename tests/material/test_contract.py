@@ -46,9 +46,7 @@ def variants(case: Case, eps: float) -> list[Any]:
     """Return the material in double, exactly and with its index rounded up and down."""
     if not case.interface:
         return [case.bsdf("double")]
-    eta = case.eta
-    steps = (0.0, 4 * eps, -4 * eps)
-    return [Case(case.type, {**case.params, "eta": eta * (1 + d)}).bsdf("double") for d in steps]
+    return [case.scaled(1 + d).bsdf("double") for d in (0.0, 4 * eps, -4 * eps)]
 
 
 def rounding_of(

@@ -42,8 +42,8 @@ def test_everything_reaches_the_core(recorded: None) -> None:
     assert made.of("set_constant_environment") == [((0.5, 1.0, 1.5),)]
     named = [keys for name, _, keys in made.calls if name == "add_material"]
     assert named[1] == {
-        "emission": (3.0, 3.0, 3.0), "two_sided": False, "priority": 2, "name": "floor",
-        "pointer": "/materials/floor",
+        "emission": (3.0, 3.0, 3.0), "opacity": 1.0, "two_sided": False, "priority": 2,
+        "name": "floor", "pointer": "/materials/floor",
     }  # fmt: skip
 
 
@@ -286,7 +286,7 @@ def test_the_real_core_takes_it_all(tmp_path: Path) -> None:
 
 def test_every_core_material_can_be_built() -> None:
     """With required parameters only; what a rule asks for is taken from its first choice."""
-    sample = {"metal": "Cu", "color": 0.5, "scalar": 1.5}
+    sample = {"metal": "Cu", "color": 0.5, "scalar": 1.5, "material": {"type": "lambert"}}
     for row in mt.materials():
         kinds = {p["name"]: p["kind"] for p in row["params"]}
         names = [p["name"] for p in row["params"] if p["required"]]

@@ -35,24 +35,52 @@ class Case:
 
     @property
     def interface(self) -> bool:
-        return bool(ROWS[self.type]["features"]["transmission"])
+        own = bool(ROWS[self.type]["features"]["transmission"])
+        return own or any(part.interface for part in self.parts)
+
+    @property
+    def parts(self) -> list[Case]:
+        """The materials nested in this one."""
+        nested = [v for v in self.params.values() if isinstance(v, dict)]
+        return [Case(v["type"], {k: x for k, x in v.items() if k != "type"}) for v in nested]
 
     @property
     def eta(self) -> float:
         """Index of the inside over the outside; 1 for opaque materials."""
+        if self.parts:
+            return max((part.eta for part in self.parts), key=lambda eta: abs(eta - 1))
         implied = {p["name"]: p["implied"] for p in ROWS[self.type]["params"]}
-        return float(self.params.get("eta", implied["eta"])) if self.interface else 1.0
+        if not self.interface or "eta" not in implied:
+            return 1.0
+        return float(self.params.get("eta", implied["eta"]))
+
+    def scaled(self, factor: float) -> Case:
+        """Return the material with the index of its interface changed."""
+
+        def change(kind: str, params: dict[str, Any]) -> dict[str, Any]:
+            made = {
+                k: {"type": v["type"], **change(v["type"], {**v})} if isinstance(v, dict) else v
+                for k, v in params.items()
+            }
+            one = Case(kind, params)
+            return made if one.parts or one.eta == 1 else {**made, "eta": one.eta * factor}
+
+        return Case(self.type, change(self.type, self.params))
 
     @property
     def alpha(self) -> float:
         """Smallest width of the facet slopes; 1 for models that have none."""
         p = self.params
+        if self.parts:
+            return min(part.alpha for part in self.parts)
         if "roughness" in p:
             return float(p["roughness"]) ** 2
         return float(min(p.get("alpha_x", 1.0), p.get("alpha_y", 1.0), p.get("alpha", 1.0)))
 
     def lobe_width(self, cos_theta: float) -> float:
         """Return the angle [rad] of the narrowest lobe seen at a cosine, 1 where none is narrow."""
+        if self.parts:
+            return min(part.lobe_width(cos_theta) for part in self.parts)
         width = self.alpha * max(cos_theta, 1e-9)
         if self.interface:
             width = min(width, abs(self.eta - 1) * self.alpha)
@@ -60,6 +88,10 @@ class Case:
 
 
 GOLD = {"eta": [0.14, 0.37, 1.44], "k": [3.98, 2.39, 1.60]}
+
+PLASTIC = {"type": "plastic", "albedo": 1.0, "alpha": 0.2}
+ROUGH_MIRROR = {"type": "cook_torrance", "F0": 1.0, "alpha": 0.05}
+ROUGH_GLASS = {"type": "dielectric", "eta": 1.5, "alpha": 0.3}
 
 PICKED = (
     Case("lambert", {"albedo": 1.0}),
@@ -113,12 +145,22 @@ PICKED = (
     Case("dielectric", {"eta": 1.0 + 1e-4, "alpha": 0.3}),
     Case("dielectric", {"eta": 1.0, "alpha": 0.3}),
     *(Case(kind, params) for kind, params in CLASSIC),
+    Case("null"),
+    Case("mix", {"a": PLASTIC, "b": {"type": "conductor", **GOLD, "alpha": 0.1}, "weight": 0.3}),
+    Case("mix", {"a": {"type": "mirror", "F0": 1.0}, "b": ROUGH_MIRROR, "weight": 0.7}),
+    Case("mix", {"a": {"type": "null"}, "b": PLASTIC, "weight": 0.25}),
+    Case("mix", {"a": ROUGH_GLASS, "b": {"type": "lambert", "albedo": 1.0}, "weight": 0.4}),
+    Case(
+        "mix",
+        {"a": {"type": "mix", "a": ROUGH_MIRROR, "b": PLASTIC}, "b": {"type": "null"}},
+    ),
 )
 
 
 def _needed(row: dict[str, Any]) -> dict[str, Any]:
     """Return values for what the model insists on."""
-    params = {p["name"]: 1.0 for p in row["params"] if p["required"]}
+    usual = {"material": {"type": "lambert"}}
+    params = {p["name"]: usual.get(p["kind"], 1.0) for p in row["params"] if p["required"]}
     for names in row["one_of"]:
         numeric = [p["name"] for p in row["params"] if p["name"] in names and p["kind"] != "metal"]
         params[numeric[0]] = 0.5

@@ -20,6 +20,8 @@ def allowed(row: dict[str, Any]) -> str:
     """Return in words what a parameter takes."""
     if row["choices"]:
         return ", ".join(f"`{choice}`" for choice in row["choices"])
+    if row["kind"] == "material":
+        return "material"
     if row["kind"] == "metal":
         return "name of a metal"
     if row["kind"] == "bool":

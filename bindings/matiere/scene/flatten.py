@@ -149,18 +149,15 @@ def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
 
 
 def _check_scalar_textures(model: SceneModel, work: _Work) -> None:
-    from matiere.materials import materials
-
-    kinds = {row["type"]: {p["name"]: p["kind"] for p in row["params"]} for row in materials()}
     for name, material in model.materials.items():
-        for parameter, texture in material.textures().items():
-            scalar = kinds[material.type].get(parameter) == "scalar"
+        for place, texture in material.textures().items():
+            scalar = material.row_of(place)["kind"] == "scalar"
             if scalar and work.spaces.get(texture) == "sRGB":
                 why = (
-                    f"{parameter!r} is a number, but the texture {texture!r} is decoded as sRGB "
+                    f"{place[-1]!r} is a number, but the texture {texture!r} is decoded as sRGB "
                     'colour; give the texture "color_space": "data"'
                 )
-                at = pointer("materials", name, parameter, "texture")
+                at = pointer("materials", name, *place, "texture")
                 work.faults.append(Fault(at, "wrong_color_space", why))
 
 
@@ -193,12 +190,17 @@ def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None
 
 
 def core_params(material: MaterialModel, textures: Mapping[str, int]) -> dict[str, Any]:
-    """Return the parameters as the core takes them: metals resolved, textures by index."""
+    """Return the parameters as the core takes them: metals resolved, textures by index.
+
+    A nested material is a dict of its parameters and its `type`.
+    """
     params: dict[str, Any] = {}
     for name, value in material.params().items():
         if name == "metal":
             constants = metal(value)
             params |= {"eta": tuple(constants["eta"]), "k": tuple(constants["k"])}
+        elif isinstance(value, MaterialModel):
+            params[name] = {"type": value.type, **core_params(value, textures)}
         else:
             params[name] = _core_value(value, textures)
     return params
@@ -214,6 +216,7 @@ def _add_materials(model: SceneModel, work: _Work) -> None:
             material.type,
             core_params(material, work.textures),
             emission=_core_value(material.emission, work.textures),
+            opacity=_core_value(material.opacity, work.textures),
             two_sided=material.two_sided,
             priority=material.priority,
             name=name,

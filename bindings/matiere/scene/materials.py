@@ -1,7 +1,8 @@
 """Material models made from the core's parameter tables (`_core.materials()`).
 
-A parameter is a number, a colour, a word, a flag or `{"texture": name}`. What the core's table says
-about ranges, defaults and rules is checked here, so that the faults carry their place in the scene.
+A parameter is a number, a colour, a word, a flag, `{"texture": name}` or a material. What the
+core's table says about ranges, defaults and rules is checked here, so that the faults carry their
+place in the scene.
 """
 
 from __future__ import annotations
@@ -32,7 +33,9 @@ TEXTURE_SCHEMA: dict[str, Any] = {
     "required": ["texture"],
     "additionalProperties": False,
 }
-COMMON = ("type", "emission", "two_sided", "priority")
+# What the surface has whatever its model; only the outermost of nested materials has them.
+PROPERTIES = ("emission", "opacity", "two_sided", "priority")
+COMMON = ("type", *PROPERTIES)
 
 
 class TextureRef(Node):
@@ -48,6 +51,7 @@ class MaterialModel(Node):
 
     type: str
     emission: Any = Field(default=(0.0, 0.0, 0.0))
+    opacity: Any = Field(default=1.0)
     two_sided: bool = Field(True, description="false: the back of an opaque material is black")
     priority: int = Field(
         0, ge=-1000, le=1000, description="of the interior: the higher one wins where two overlap"
@@ -74,10 +78,24 @@ class MaterialModel(Node):
                 values[name] = color(implied) if row["kind"] == "color" else implied
         return {name: value for name, value in values.items() if value is not None}
 
-    def textures(self) -> dict[str, str]:
-        """Return parameter name -> texture name for the parameters that are textures."""
-        names = [n for n in type(self).model_fields if isinstance(getattr(self, n), TextureRef)]
-        return {name: getattr(self, name).texture for name in names}
+    def textures(self) -> dict[tuple[str, ...], str]:
+        """Return place -> texture name for the parameters that are textures, nested ones too."""
+        found: dict[tuple[str, ...], str] = {}
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if isinstance(value, TextureRef):
+                found[name,] = value.texture
+            elif isinstance(value, MaterialModel):
+                found |= {(name, *place): t for place, t in value.textures().items()}
+        return found
+
+    def row_of(self, place: tuple[str, ...]) -> Mapping[str, Any]:
+        """Return the table row of the parameter at a place that `textures` gave."""
+        if len(place) > 1:
+            nested: MaterialModel = getattr(self, place[0])
+            return nested.row_of(place[1:])
+        rows = (EMISSION_ROW, OPACITY_ROW, *self.ROW["params"])
+        return next(row for row in rows if row["name"] == place[0])
 
 
 def scalar_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
@@ -161,6 +179,20 @@ def metal_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
     return check
 
 
+def material_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a material inside another one."""
+
+    def check(value: Any) -> Any:
+        made = check_material(value)
+        own = [name for name in PROPERTIES if name in made.model_fields_set]
+        if own:
+            why = "belongs to the surface; give it to the outermost material"
+            raise faults(((name,), fault("unsupported", f"{name!r} {why}")) for name in own)
+        return made
+
+    return check
+
+
 def bool_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
     """Return the validator of a flag."""
 
@@ -187,7 +219,7 @@ def int_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
 
 KINDS: dict[str, Callable[[Mapping[str, Any]], Callable[[Any], Any]]] = {
     "scalar": scalar_param, "color": color_param, "enum": enum_param, "metal": metal_param,
-    "bool": bool_param, "int": int_param,
+    "bool": bool_param, "int": int_param, "material": material_param,
 }  # fmt: skip
 
 
@@ -200,6 +232,8 @@ def param_schema(row: Mapping[str, Any]) -> dict[str, Any]:
         return {"enum": sorted(metals())}
     if kind == "bool":
         return {"type": "boolean"}
+    if kind == "material":
+        return {"type": "object"}  # `schema` puts the reference to all materials here
     one: dict[str, Any] = {"type": "integer" if kind == "int" else "number"}
     if row.get("min") is not None:
         one["exclusiveMinimum" if row.get("min_exclusive") else "minimum"] = row["min"]
@@ -260,6 +294,11 @@ EMISSION_ROW: dict[str, Any] = {
     "doc": "radiance the surface emits",
 }  # fmt: skip
 
+OPACITY_ROW: dict[str, Any] = {
+    "name": "opacity", "kind": "scalar", "min": 0.0, "max": 1.0, "default": 1.0,
+    "doc": "share of the surface that is there; the rest lets light straight through",
+}  # fmt: skip
+
 
 def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
     kind = row["type"]
@@ -267,6 +306,7 @@ def _make(row: Mapping[str, Any]) -> type[MaterialModel]:
     fields: dict[str, Any] = {
         "type": (Literal[kind], Field(description="the model")),
         "emission": _field(EMISSION_ROW),
+        "opacity": _field(OPACITY_ROW),
         **{param["name"]: _field(param) for param in row["params"]},
     }
     name = "".join(word.capitalize() for word in kind.split("_")) + "Material"

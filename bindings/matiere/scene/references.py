@@ -73,12 +73,20 @@ def _texture_names(document: Mapping[str, Any]) -> Iterator[Fault]:
     table = document.get("textures", {})
     known = list(table) if isinstance(table, Mapping) else []
     for key, material in _entries(document.get("materials")):
-        for parameter, value in _entries(material):
-            name = value.get("texture")
-            if isinstance(name, str) and name not in known:
+        for place, name in _textures_in(material):
+            if name not in known:
                 message, near = choose("the texture", name, known)
-                at = pointer("materials", key, parameter, "texture")
+                at = pointer("materials", key, *place, "texture")
                 yield Fault(at, "unknown_texture", message, near)
+
+
+def _textures_in(material: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Yield place and name of every texture of a material and of those nested in it."""
+    for parameter, value in _entries(material):
+        if isinstance(name := value.get("texture"), str):
+            yield (parameter,), name
+        elif "type" in value:
+            yield from (((parameter, *place), name) for place, name in _textures_in(value))
 
 
 def _file(place: Place, name: str, suffixes: tuple[str, ...], root: AssetRoot) -> Iterator[Fault]:

@@ -21,6 +21,9 @@ def schema() -> dict[str, Any]:
         definitions |= single.pop("$defs", {})
         definitions[model.__name__] = single
         single["required"] = ["type", *(n for n in single.get("required", []) if n != "type")]
+        for row in model.ROW["params"]:
+            if row["kind"] == "material":
+                single["properties"][row["name"]] |= {"$ref": "#/$defs/Material"}
         names.append((kind, f"#/$defs/{model.__name__}"))
     definitions["Material"] = {
         "oneOf": [{"$ref": reference} for _, reference in names],
