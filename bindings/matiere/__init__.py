@@ -36,6 +36,7 @@ _HOMES = {
     "SceneModel": "scene.model",
     "SceneValidationError": "errors",
     "bsdf": "probe",
+    "check": "stability",
     "develop": "develop",
     "film_key": "scene.digest",
     "info": "materials",
@@ -70,6 +71,7 @@ __all__ = [
     "SceneValidationError",
     "__version__",
     "bsdf",
+    "check",
     "chunks",
     "develop",
     "errors",
@@ -137,3 +139,4 @@ if TYPE_CHECKING:
     from matiere.scene.model import SceneModel
     from matiere.scene.scene import Scene
     from matiere.scene.schema import schema
+    from matiere.stability import check

@@ -91,6 +91,11 @@ class Bsdf:
         return {k: v for k, v in self._material.filled().items() if k in names}
 
     @property
+    def features(self) -> dict[str, bool]:
+        """What holds for the model at every parameter: reflection, transmission, interior, ..."""
+        return dict(self._material.ROW["features"])
+
+    @property
     def precision(self) -> str:
         """What the formulas were evaluated in: "float" or "double"."""
         return "float" if self._real is np.float32 else "double"

@@ -13,8 +13,9 @@ PUBLIC = {
     "AssetChanged", "Bsdf", "BsdfSample", "Cancelled", "ColourError", "Film", "FilmError",
     "ImageError", "Lobe", "MatiereError",
     "MemoryLimitError", "ProbeError", "RenderError", "Scene", "SceneModel", "SceneValidationError",
-    "__version__", "bsdf", "chunks", "develop", "errors", "film_key", "info", "load", "load_film",
-    "loads", "materials", "metals", "read_image", "render", "schema", "write_image",
+    "__version__", "bsdf", "check", "chunks", "develop", "errors", "film_key", "info",
+    "load", "load_film", "loads", "materials", "metals", "read_image",
+    "render", "schema", "write_image",
 }  # fmt: skip
 
 
