@@ -68,7 +68,7 @@ template <class R>
 ParamError check_coat_textures(const AlphaParams<R>& p) {
     if (p.alpha_x.textured) return {"alpha_x", "alpha_x over a diffuse body takes no texture"};
     if (p.alpha_y.textured) return {"alpha_y", "alpha_y over a diffuse body takes no texture"};
-    return {};
+    return p.check_shape();
 }
 
 template <class R>

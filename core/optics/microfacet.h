@@ -4,6 +4,9 @@
 // Sources: Walter, Marschner, Li, Torrance 2007 (GGX, Beckmann); Cook & Torrance 1982 (V-cavity);
 // Heitz 2014 (Smith); Heitz & d'Eon 2014 (visible normals); Dupuy & Benyoub 2023 (spherical caps);
 // Eto & Tokuyoshi 2023 (bounded caps). D obeys: integral of D(h) cos(h) over the hemisphere = 1.
+// `blinn_phong` is D = (m + 2) / (2 pi) cos^m with m = 2 / alpha^2 - 2, isotropic (phong_slopes.h).
+// `ward` is the exponential of Ward 1992 with the normalisation that makes it a distribution:
+// exactly the anisotropic Beckmann.
 //
 // Everything is written with sigma(w) = |cos| (1 + Lambda(w)), the projected area of the facets
 // visible from w: it stays finite at grazing, where G1 and 1/cos do not. Directions may lie on
@@ -18,12 +21,14 @@
 #include "base/numeric.h"
 #include "base/vec.h"
 #include "optics/beckmann_slopes.h"
+#include "optics/phong_slopes.h"
 #include "optics/roughness.h"
 
 namespace matiere {
 
-enum class Distribution : unsigned char { kGgx, kBeckmann };
-inline constexpr std::array<std::string_view, 2> kDistributionNames{"ggx", "beckmann"};
+enum class Distribution : unsigned char { kGgx, kBeckmann, kWard, kBlinnPhong };
+inline constexpr std::array<std::string_view, 4> kDistributionNames{"ggx", "beckmann", "ward",
+                                                                    "blinn_phong"};
 
 enum class Masking : unsigned char { kSmith, kSmithSeparable, kVCavity };
 inline constexpr std::array<std::string_view, 3> kMaskingNames{"smith", "smith_separable",
@@ -34,6 +39,7 @@ struct Microfacet {
     R alpha_x{}, alpha_y{};
     Distribution distribution = Distribution::kGgx;
     Masking masking = Masking::kSmith;
+    PhongSlopes<R> phong{};  ///< of Blinn-Phong only
 
     /// One axis may not be a delta alone: it is held at the smallest width that float carries.
     static Microfacet make(R alpha_x, R alpha_y, Distribution d, Masking m) {
@@ -41,7 +47,9 @@ struct Microfacet {
             alpha_x = std::max(alpha_x, R(kDeltaAlpha));
             alpha_y = std::max(alpha_y, R(kDeltaAlpha));
         }
-        return {alpha_x, alpha_y, d, m};
+        if (d == Distribution::kWard) d = Distribution::kBeckmann;
+        if (d != Distribution::kBlinnPhong || !(alpha_x > R(0))) return {alpha_x, alpha_y, d, m};
+        return {alpha_x, alpha_y, d, m, PhongSlopes<R>::make(2.0 / sqr(double(alpha_x)))};
     }
 
     bool is_delta() const { return is_delta_alpha(alpha_x, alpha_y); }
@@ -49,6 +57,7 @@ struct Microfacet {
 
     /// Density of facet normals per projected area [1/sr], h.z > 0.
     R D(Vec3<R> h) const {
+        if (distribution == Distribution::kBlinnPhong) return phong_D(h);
         const R x = h.x / alpha_x;
         const R y = h.y / alpha_y;
         const R z2 = h.z * h.z;
@@ -65,6 +74,8 @@ struct Microfacet {
     /// Projected area of the facets visible from w, for Smith masking.
     R sigma(Vec3<R> w) const {
         const R z = std::abs(w.z);
+        if (distribution == Distribution::kBlinnPhong)
+            return phong.sigma(z, std::sqrt(w.x * w.x + w.y * w.y));
         const R s = std::sqrt(sqr(alpha_x * w.x) + sqr(alpha_y * w.y));
         if (distribution == Distribution::kGgx) return R(0.5) * (z + std::sqrt(s * s + z * z));
         if (!(s > R(0))) return z;
@@ -125,6 +136,7 @@ struct Microfacet {
     VisibleNormal sample_visible(Vec3<R> o, Vec3<R> u) const {
         if (masking == Masking::kVCavity) return sample_cavity(o, u);
         if (distribution == Distribution::kGgx) return {sample_ggx(o, u.y, u.z, R(1)), u.x};
+        if (distribution == Distribution::kBlinnPhong) return {sample_phong(o, u.y, u.z), u.x};
         return {sample_beckmann(o, u.y, u.z), u.x};
     }
 
@@ -163,6 +175,22 @@ struct Microfacet {
     /// exp(-x) is below the smallest normal number for x above this.
     static constexpr double kExpUnderflow = sizeof(R) == sizeof(float) ? 87.0 : 708.0;
 
+    R phong_D(Vec3<R> h) const {
+        const R exponent = R(0.5) * phong.nu - R(1);
+        const R x =
+            exponent > R(0) ? exponent * std::log1p((h.x * h.x + h.y * h.y) / (h.z * h.z)) : R(0);
+        // With room for the small factors that make a value of D.
+        if (!(x < R(kExpUnderflow - 10.0))) return R(0);
+        return phong.nu * (kInvPi<R> / R(2)) * std::exp(-x);
+    }
+
+    /// Slope over alpha of a facet drawn from D cos, beyond which the share `tail` lies.
+    R cavity_slope(R tail, R u) const {
+        if (distribution == Distribution::kGgx) return std::sqrt(u / tail);
+        if (distribution == Distribution::kBeckmann) return std::sqrt(-std::log(tail));
+        return std::sqrt(std::expm1(R(-2) / phong.nu * std::log(tail))) / alpha_x;
+    }
+
     Vec3<R> unstretch(Vec3<R> v) const {
         return normalize(Vec3<R>{alpha_x * v.x, alpha_y * v.y, std::max(v.z, R(0))});
     }
@@ -194,10 +222,22 @@ struct Microfacet {
         return normalize(Vec3<R>{-alpha_x * x, -alpha_y * y, R(1)});
     }
 
+    Vec3<R> sample_phong(Vec3<R> o, R u1, R u2) const {
+        const R s = std::sqrt(o.x * o.x + o.y * o.y);
+        const R along = phong.sample_along(o.z, s, u1);
+        const R across = phong.across().sample_symmetric(u2);
+        const R c = s > R(0) ? o.x / s : R(1);
+        const R d = s > R(0) ? o.y / s : R(0);
+        // Slopes (tan along, tan across / cos along), whose normal leans the other way.
+        const R x = -std::sin(along) * std::cos(across);
+        const R y = -std::sin(across);
+        return normalize(Vec3<R>{c * x - d * y, d * x + c * y, std::cos(along) * std::cos(across)});
+    }
+
     /// h from D cos, or its mirror image across the cavity, in proportion to what o sees of both.
     VisibleNormal sample_cavity(Vec3<R> o, Vec3<R> u) const {
         const R tail = R(1) - u.z;
-        const R r = std::sqrt(distribution == Distribution::kGgx ? u.z / tail : -std::log(tail));
+        const R r = cavity_slope(tail, u.z);
         const R phi = kTwoPi<R> * u.y;
         const Vec3<R> h =
             normalize(Vec3<R>{alpha_x * r * std::cos(phi), alpha_y * r * std::sin(phi), R(1)});

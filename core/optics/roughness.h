@@ -2,6 +2,7 @@
 #pragma once
 
 #include <algorithm>
+#include <cmath>
 
 #include "base/numeric.h"
 
@@ -16,6 +17,14 @@ template <class R>
 constexpr R alpha_from_roughness(R roughness) {
     return roughness * roughness;
 }
+
+/// The exponent m of Blinn-Phong whose lobe has the curvature of alpha: m = 2 / alpha^2 - 2 (Walter
+/// et al. 2007, section 5.2); 0 is alpha = 1.
+template <class R>
+inline R alpha_from_exponent(R exponent) {
+    return std::sqrt(R(2) / (exponent + R(2)));
+}
+inline constexpr double kMaxExponent = 1e12;
 
 template <class R>
 constexpr bool is_delta_alpha(R alpha_x, R alpha_y) {

@@ -12,7 +12,8 @@ from scipy import special
 from matiere import _core
 
 probe = _core.probe
-DISTRIBUTIONS = ("ggx", "beckmann")
+DISTRIBUTIONS = ("ggx", "beckmann", "ward", "blinn_phong")
+ROUND = ("blinn_phong",)  # takes one width
 
 
 def surface(ax: float, ay: float, name: str, precision: str = "float") -> object:
@@ -32,6 +33,8 @@ def normals(ax: float, ay: float) -> np.ndarray:
 @pytest.mark.parametrize("alpha", [a for a in ALPHAS if a > 0])
 @pytest.mark.parametrize("ratio", [1.0, 1e-3])
 def test_the_distribution_keeps_its_digits(name: str, alpha: float, ratio: float) -> None:
+    if name in ROUND and ratio != 1:
+        return
     ax, ay = float(np.float32(alpha)), float(np.float32(max(alpha * ratio, 1e-5)))
     h = normals(ax, ay)
     D = surface(ax, ay, name).D(h)
@@ -64,6 +67,8 @@ def test_visible_area_keeps_its_digits_down_to_grazing(name: str, alpha: float) 
 @pytest.mark.parametrize("name", DISTRIBUTIONS)
 @pytest.mark.parametrize(("ax", "ay"), [(0.05, 0.05), (0.3, 0.3), (1.0, 1.0), (0.1, 0.5)])
 def test_projected_facet_area_is_one(name: str, ax: float, ay: float) -> None:
+    if name in ROUND and ax != ay:
+        return
     # In slope space: integral of D cos = integral of P22.
     x, w = np.polynomial.legendre.leggauss(400)
     t = (x + 1) / 2

@@ -75,6 +75,8 @@ class Case:
             return min(part.alpha for part in self.parts)
         if "roughness" in p:
             return float(p["roughness"]) ** 2
+        if "exponent" in p:
+            return float((2 / (p["exponent"] + 2)) ** 0.5)
         return float(min(p.get("alpha_x", 1.0), p.get("alpha_y", 1.0), p.get("alpha", 1.0)))
 
     def lobe_width(self, cos_theta: float) -> float:
@@ -126,6 +128,18 @@ PICKED = (
     Case("cook_torrance", {"F0": 0.5, "F82_tint": 0.2, "diffuse": 1.0, "alpha": 0.4}),
     Case("cook_torrance", {"eta": 1.5, "diffuse": 1.0, "alpha": 0.3, "masking": "v_cavity"}),
     Case("cook_torrance", {"F0": 1.0, "diffuse": 1.0, "alpha": 0.0}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 1.0, "distribution": "blinn_phong"}),
+    Case("cook_torrance", {"F0": 1.0, "alpha": 0.3, "distribution": "blinn_phong"}),
+    Case("cook_torrance", {"F0": 1.0, "exponent": 1e6, "distribution": "blinn_phong"}),
+    Case(
+        "cook_torrance",
+        {"F0": 1.0, "alpha": 0.6, "distribution": "blinn_phong", "masking": "v_cavity"},
+    ),
+    Case("cook_torrance", {"F0": 1.0, "alpha_x": 0.2, "alpha_y": 0.6, "distribution": "ward"}),
+    Case(
+        "dielectric",
+        {"eta": 1.5, "alpha": 0.4, "distribution": "blinn_phong", "masking": "smith_separable"},
+    ),
     Case("plastic", {"albedo": 1.0, "alpha": 0.0}),
     Case("plastic", {"albedo": 1.0, "alpha": 0.3}),
     Case("plastic", {"albedo": 1.0, "alpha": 1.0, "distribution": "beckmann"}),

@@ -39,6 +39,7 @@ struct Conductor {
 
     MicrofacetLobe<R> surface;
 
+    static ParamError check(const Params& p) { return p.check_shape(); }
     static Conductor prepare(const Params& p) {
         return {{p.microfacet(), FresnelTerm<R>::conductor(p.eta.v, p.k.v)}};
     }

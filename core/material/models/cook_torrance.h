@@ -64,7 +64,7 @@ struct CookTorrance {
     CoatedDiffuse<R> layers;
 
     static ParamError check(const Params& p) {
-        return p.has_body() ? check_coat_textures(p) : ParamError{};
+        return p.has_body() ? check_coat_textures(p) : p.check_shape();
     }
     static void tabulate(Params& p, TableStore<R>& store) {
         if (p.has_body()) p.tables = tabulate_coat(p, p.fresnel(), store);

@@ -80,6 +80,7 @@ struct Dielectric {
     R eta{R(1.5)};  ///< relative: transmitted side over the side of wo
     Interior<R> inside;
 
+    static ParamError check(const Params& p) { return p.check_shape(); }
     static Dielectric prepare(const Params& p) {
         return {p.microfacet(), p.eta.v, {p.eta.v, p.absorption()}};
     }
