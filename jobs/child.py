@@ -2,8 +2,8 @@
 
 A render child renders claims; the utility child is the same program asked other verbs. It never
 opens the database. It ends at once when its control pipe closes, so a killed service leaves no
-orphan. Requests: `{"op": "render"|"check"|"merge"|"images"|"sheet", "token": n, ...}`,
-`{"op": "cancel"|"ping", ...}`;
+orphan. Requests: `{"op": "render"|"check"|"stability"|"merge"|"images"|"sheet", "token": n,
+...}`, `{"op": "cancel"|"ping", ...}`;
 reports: `{"op": "hello"|"pong"|"done"|"failed"|"cancelled", "token": n, ...}`.
 """
 
@@ -141,6 +141,8 @@ class Child:
             return merge.merge(self.work, request, self.folder)
         if request["op"] == "check":
             return utility.check(self.work, request)
+        if request["op"] == "stability":
+            return utility.check_material(self.work, request)
         if request["op"] == "images":
             return utility.make_images(self.work, request, self.folder)
         if request["op"] == "sheet":

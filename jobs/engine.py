@@ -33,10 +33,12 @@ from typing import Any, TypeVar
 
 from uuid6 import uuid7
 
+from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.datadir import DataDir, is_digest
 from matiere.jobs.errors import (
     AssetMismatch,
+    Busy,
     DiskFull,
     Draining,
     JobNotFound,
@@ -64,6 +66,8 @@ log = logging.getLogger("matiere.jobs.engine")
 T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
 POLL_S = 0.05
+# What a child reports of itself, not of the request.
+BREAKDOWNS = ("lost", "signal", "python_error", "out_of_memory", "disk_full")
 MEMORY_SHARE = 8  # merging holds a film up to three times
 
 
@@ -374,6 +378,31 @@ class Engine:
             for digest in dict.fromkeys(digests)
             if not is_digest(digest) or not self._data.asset_path(digest).exists()
         ]
+
+    def check_material(
+        self, material: Mapping[str, Any], *, seed: int = 1, plots: bool = False
+    ) -> JsonDict:
+        """Return the stability report of a material (`mt.check(...).as_dict()`), made in a child.
+
+        With `plots` it also holds the plots as SVG. Pointers in errors are relative to the
+        material. Raises `SceneValidationError`, `Busy` (one check at a time, 5 seconds) and
+        `Draining`.
+        """
+        self._accepting()
+        request = {"material": dict(material), "seed": seed, "plots": plots}
+        answer = self._scheduler.check_material(request)
+        if not answer["faults"]:
+            report: JsonDict = answer["report"]
+            return report
+        first = answer["faults"][0]
+        if first["code"] == "time_limit":
+            raise Busy(first["message"])
+        if first["code"] in BREAKDOWNS:
+            raise JobsError(first["message"], code=first["code"])
+        raise SceneValidationError(
+            Fault(f["pointer"], f["code"], f["message"], f.get("suggestion"))
+            for f in answer["faults"]
+        )
 
     def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
         """Store streamed bytes under their digest; false if they were there already.

@@ -10,6 +10,7 @@ MatiereError (matiere.errors)
    +- DataDirLocked        data_dir_locked      another process owns the data directory
    +- StoreError           store_error          the database refuses or is newer than us
    |  +- DiskFull          disk_full            no space for the database or an artifact
+   +- Busy                 too_many_checks      no time for a material check now
    +- Draining             draining             the engine is stopping and takes no new work
    +- IllegalTransition    illegal_transition   a state change outside the table in `job.py`
 """
@@ -81,6 +82,12 @@ class DiskFull(StoreError):
     """There is no space left for the database or an artifact."""
 
     default_code = "disk_full"
+
+
+class Busy(JobsError):
+    """The utility process has no time for a material check now."""
+
+    default_code = "too_many_checks"
 
 
 class Draining(JobsError):

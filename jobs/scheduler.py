@@ -20,14 +20,14 @@ from typing import Any
 from matiere.jobs.artifacts import ArtifactFolder
 from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message, exit_class
 from matiere.jobs.datadir import DataDir
-from matiere.jobs.errors import DiskFull, StoreError
+from matiere.jobs.errors import Busy, DiskFull, StoreError
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import JobError, JsonDict
 from matiere.jobs.store import files, films, jobs
 from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
-from matiere.jobs.utility_queue import Question, UtilityQueue
+from matiere.jobs.utility_queue import CHECK, STABILITY, Question, UtilityQueue
 
 log = logging.getLogger("matiere.jobs.scheduler")
 
@@ -37,7 +37,7 @@ LEAST_CLAIM_S = 0.1  # the tail of a film is shared out, but not in smaller piec
 FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
 PIPELINE = 2  # claims a child may hold: one at work, one waiting
 MOST_CHUNKS = 4096  # of one claim
-CHECK_S = 10.0  # a submission waits so long for its files to be read
+CHECK_S = 10.0  # whoever asks the utility child something waits so long
 MAX_TRIES = 3
 MAX_LOSSES = 20
 TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
@@ -101,6 +101,7 @@ class Scheduler(threading.Thread):
         self.films: dict[int, FilmWork] = {}
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
         self.utility = UtilityQueue(self, Slot("utility"))
+        self._examining = threading.Lock()  # held while a material is checked
         self._unsaved: list[Message] = []  # reports that met a full disk
         self._rates: dict[str, float] = {}  # geometry key -> samples per second of one child
         self._stopping = False
@@ -120,13 +121,35 @@ class Scheduler(threading.Thread):
         When it has no time within a few seconds the answer is empty: whatever is wrong then fails
         the job later, with the same pointer.
         """
-        question = Question(scene, assets)
+        try:
+            faults: list[JsonDict] = self._ask(CHECK, {"scene": scene, "assets": assets})["faults"]
+        except TimeoutError:
+            return []
+        return faults
+
+    def check_material(self, request: JsonDict) -> JsonDict:
+        """Have the utility child make the stability report of a material.
+
+        One at a time: raises Busy while another is made, and when the child has no time for it.
+        The answer is that of `Question`.
+        """
+        if not self._examining.acquire(blocking=False):
+            raise Busy("the service is checking another material")
+        try:
+            return self._ask(STABILITY, request)
+        except TimeoutError:
+            raise Busy("the service is at other work (merging films, drawing images)") from None
+        finally:
+            self._examining.release()
+
+    def _ask(self, kind: int, request: JsonDict) -> JsonDict:
+        question = Question(kind, request)
         self.inbox.put(question)
         try:
             return question.answer.result(CHECK_S)
         except TimeoutError:
             question.answer.cancel()
-            return []
+            raise
 
     def stop(self) -> None:
         """End the thread and its children."""
@@ -184,7 +207,7 @@ class Scheduler(threading.Thread):
             item = self.inbox.get(timeout=TICK_S)
             while True:
                 if isinstance(item, Question):
-                    self.utility.add_check(item)
+                    self.utility.add_question(item)
                 elif item is not None:
                     waiting.append(item)
                 item = self.inbox.get_nowait()

@@ -1,4 +1,4 @@
-"""What the utility child does beside merging: file checks, images of a job, contact sheets."""
+"""What the utility child does beside merging: checks, images of a job, contact sheets."""
 
 from __future__ import annotations
 
@@ -12,6 +12,11 @@ def check(work: Any, request: JsonDict) -> JsonDict:
     """Read what a scene refers to before it is queued; raises what is wrong with it."""
     work.check_files(request["scene"], request["assets"])
     return {}
+
+
+def check_material(work: Any, request: JsonDict) -> JsonDict:
+    """Make the stability report of a material: `{"report": ...}`."""
+    return {"report": work.check_material(request["material"], request["seed"], request["plots"])}
 
 
 def make_images(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:

@@ -1,6 +1,7 @@
-"""Work for the utility child: file checks, merges, images of ended jobs, contact sheets.
+"""Work for the utility child: questions, merges, images of ended jobs, contact sheets.
 
-All but the checks follow from the database (jobs whose samples are complete, sweeps whose cells
+Questions are asked by somebody who waits: are the files of a scene good, how stable is a material?
+All else follows from the database (jobs whose samples are complete, sweeps whose cells
 have ended), so a restart finds them again. One task runs at a time; one that kills its child, or
 takes too long, is tried again a few times.
 """
@@ -26,30 +27,40 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("matiere.jobs.utility")
 
-CHECK, MERGE, IMAGES, SHEET = 0, 1, 2, 3
-NAMES = {CHECK: "check", MERGE: "merge", IMAGES: "images", SHEET: "sheet"}
+STABILITY, CHECK, MERGE, IMAGES, SHEET = -1, 0, 1, 2, 3
+NAMES = {
+    STABILITY: "stability", CHECK: "check", MERGE: "merge", IMAGES: "images", SHEET: "sheet",
+}  # fmt: skip
 WORDS = {
+    STABILITY: "check a material",
     CHECK: "read its files",
     MERGE: "merge its chunks",
     IMAGES: "make its images",
     SHEET: "draw its contact sheet",
 }
 MAX_TRIES = 3
-LIMIT_S = {CHECK: 30.0, MERGE: 3600.0, IMAGES: 900.0, SHEET: 900.0}
+LIMIT_S = {STABILITY: 5.0, CHECK: 30.0, MERGE: 3600.0, IMAGES: 900.0, SHEET: 900.0}
 
 
 @dataclass(frozen=True)
 class Question:
-    """A scene whose files somebody waits to have checked; the answer is a list of faults."""
+    """A request (CHECK: of a scene's files, STABILITY: of a material) that somebody waits for.
 
-    scene: JsonDict
-    assets: JsonDict
-    answer: Future[list[JsonDict]] = field(default_factory=Future)
+    The answer has `faults`, a list that is empty when all went well, and what the child reported.
+    """
 
-    def reply(self, faults: list[JsonDict]) -> None:
+    kind: int
+    request: JsonDict
+    answer: Future[JsonDict] = field(default_factory=Future)
+
+    def reply(self, faults: list[JsonDict], **report: Any) -> None:
         """Answer, if anybody still waits."""
         if self.answer.set_running_or_notify_cancel():
-            self.answer.set_result(faults)
+            self.answer.set_result({"faults": faults, **report})
+
+    def wanted(self) -> JsonDict | None:
+        """Return the request, or None when nobody waits any more."""
+        return None if self.answer.cancelled() else self.request
 
 
 @dataclass
@@ -61,7 +72,7 @@ class Task:
     request: Callable[[], JsonDict | None]  # None: no longer wanted
     tries: int = 0
     old_chunks: int = 0  # merges: the prefix the request starts from
-    question: Question | None = None  # checks: who asked
+    question: Question | None = None  # who asked
     seen: tuple[str, ...] = ()  # merges: jobs whose stop rules the request holds
 
 
@@ -90,10 +101,9 @@ class UtilityQueue:
         return len(self._heap)
 
     # -- asking ---------------------------------------------------------------------------------
-    def add_check(self, question: Question) -> None:
-        """Check the files of a scene before anything else."""
-        request = {"scene": question.scene, "assets": question.assets}
-        self._add(Task(CHECK, id(question), lambda: request, question=question))
+    def add_question(self, question: Question) -> None:
+        """Answer a question before anything else."""
+        self._add(Task(question.kind, id(question), question.wanted, question=question))
 
     def add_merge(self, film: FilmWork) -> None:
         """Ask for a merge of what the film has when its turn comes."""
@@ -154,7 +164,8 @@ class UtilityQueue:
         task = self._current[1]
         if body["op"] == "done":
             handler = {
-                CHECK: self._checked,
+                STABILITY: self._answered,
+                CHECK: self._answered,
                 MERGE: self._merged,
                 IMAGES: self._developed,
                 SHEET: self._drawn,
@@ -190,10 +201,11 @@ class UtilityQueue:
 
     def _again(self, task: Task, kind: str, message: str, tail: str) -> None:
         task.tries += 1
-        if task.tries < MAX_TRIES:
+        if task.tries < (1 if task.kind == STABILITY else MAX_TRIES):
             self._requeue(task)
         else:
-            why = f"gave up after {task.tries} attempts to {WORDS[task.kind]}: {message}"
+            tries = f"gave up after {task.tries} attempts to" if task.tries > 1 else "could not"
+            why = f"{tries} {WORDS[task.kind]}: {message}"
             self._give_up(task, JobError(kind, why, "", tail))
 
     def _give_up(self, task: Task, error: JobError) -> None:
@@ -237,9 +249,9 @@ class UtilityQueue:
             else:
                 self._again(task, kind, words, tail)
 
-    def _checked(self, task: Task, body: JsonDict) -> bool:
+    def _answered(self, task: Task, body: JsonDict) -> bool:
         assert task.question is not None
-        task.question.reply([])
+        task.question.reply([], **{k: v for k, v in body.items() if k not in ("op", "token")})
         return True
 
     # -- merges ---------------------------------------------------------------------------------

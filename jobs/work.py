@@ -99,6 +99,14 @@ def check_files(scene: Mapping[str, Any], assets: Mapping[str, Any]) -> None:
     load(scene, asset_root=assets["root"], pins=assets["pins"]).flatten()
 
 
+def check_material(material: Mapping[str, Any], seed: int, plots: bool) -> dict[str, Any]:
+    """Return the stability report (in the utility child), with its plots as SVG if asked for."""
+    from matiere.stability import check
+
+    report = check(material, seed=seed)
+    return report.as_dict() | ({"plots": report.plots()} if plots else {})
+
+
 # -- rendering (in a render child) --------------------------------------------------------------
 def cancel_token() -> _core.CancelToken:
     """Return a flag that stops C++ between rows of pixels."""

@@ -147,6 +147,11 @@ CODES: dict[str, Kind] = {
         "`matiere info` lists the configuration used by default; see docs/scene.md.",
     ),
     "image_error": Kind(422, "An image file cannot be read", "Convert it and upload it again."),
+    "too_many_checks": Kind(
+        429,
+        "There is no time for this check now",
+        "Send it again in a few seconds; `matiere check` does the same on your own machine.",
+    ),
     "internal_error": Kind(
         500,
         "The service made a mistake",

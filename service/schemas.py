@@ -291,6 +291,29 @@ class SweepPage(BaseModel):
     next_cursor: str | None
 
 
+class CheckSubmission(_Request):
+    """A material to test, given as in a scene, without textures."""
+
+    material: dict[str, Any] = Field(description="type and parameters, as in a scene's `materials`")
+    seed: int = Field(1, ge=0, lt=2**32, description="of the random numbers")
+    plots: bool = Field(False, description="add `plots`: albedo and polar, as SVG")
+
+
+class CheckReport(BaseModel):
+    """A stability report; docs/check.md explains every key."""
+
+    version: int = Field(description="of this format")
+    material: dict[str, Any]
+    verdict: Literal["pass", "warn", "fail"]
+    reason: str
+    findings: list[dict[str, Any]]
+    limits: list[dict[str, Any]] = Field(description="parameters treated as limits")
+    views: list[dict[str, Any]]
+    furnace: list[dict[str, Any]] = Field(description="albedo by angle, side and channel")
+    seconds: float
+    plots: dict[str, str] = Field(default_factory=dict, description="name -> SVG, if asked for")
+
+
 class AssetView(BaseModel):
     """An asset that the server holds."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 Point = tuple[float, float]
+FINEST = 0.4  # points of a line nearer than this are one [pixels]
 
 
 @dataclass(frozen=True)
@@ -52,7 +53,11 @@ class Canvas:
         dash: tuple[float, float] | None = None,
     ) -> None:
         """Draw a line through points."""
-        self.strokes.append(Stroke(tuple(points), color, width, dash))
+        kept = list(points[:1])
+        for x, y in points[1:-1]:
+            if abs(x - kept[-1][0]) + abs(y - kept[-1][1]) > FINEST:
+                kept.append((x, y))
+        self.strokes.append(Stroke((*kept, *points[-1:]), color, width, dash))
 
     def dot(self, at: Point, color: str, radius: float = 2.5) -> None:
         """Draw a filled circle."""

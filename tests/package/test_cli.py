@@ -203,3 +203,47 @@ def test_help_lists_every_command_and_mistakes_are_guessed(tmp_path: Path) -> No
     assert done.returncode == 2
     assert "render" in done.stderr
     assert run("--version", cwd=tmp_path).stdout == f"matiere {mt.__version__}\n"
+
+
+GLASS = '{"type": "dielectric", "alpha": 0.2}'
+
+
+def test_check_prints_a_table_and_draws(tmp_path: Path) -> None:
+    done = run("check", GLASS, "--plot", "plots", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("pass: ") and "chi_square" in done.stdout
+    assert names(tmp_path / "plots") == ["albedo.png", "albedo.svg", "polar.png", "polar.svg"]
+
+
+def test_check_reads_files_and_scenes(tmp_path: Path) -> None:
+    (tmp_path / "glass.json").write_text(GLASS)
+    scene = write_scene(tmp_path)
+    document = json.loads(scene.read_text())
+    name = next(iter(document["materials"]))
+    document["materials"] = {name: {"type": "mirror"}, "other": {"type": "lambert", "albedo": 9}}
+    scene.write_text(json.dumps(document))
+    done = run("check", "scene.json", "--material", name, "--json", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    report = json.loads(done.stdout)
+    assert report["material"] == {"type": "mirror"} and report["version"] == 1
+    assert run("check", "glass.json", cwd=tmp_path).stdout.startswith("pass")
+    several = run("check", "scene.json", cwd=tmp_path)
+    assert several.returncode == 2 and "--material" in several.stderr and "other" in several.stderr
+    wrong = run("check", "scene.json", "--material", "other", cwd=tmp_path)
+    assert wrong.returncode == 2
+    assert wrong.stderr.startswith("scene.json: /materials/other/albedo: must be at most 1")
+    assert run("check", "none.json", cwd=tmp_path).returncode == 2
+
+
+def test_check_fails_with_code_one(monkeypatch: pytest.MonkeyPatch) -> None:
+    import fake_bsdf
+    import typer
+
+    from matiere.service.commands.check import check
+    from matiere.stability import report
+
+    bad = report.check_bsdf(fake_bsdf.GainsEnergy(), fake_bsdf.GainsEnergy(), report.Promises())
+    monkeypatch.setattr(mt, "check", lambda *_args, **_more: bad)
+    with pytest.raises(typer.Exit) as end:
+        check(GLASS, name=None, as_json=False, plot=None, seed=1)
+    assert end.value.exit_code == 1

@@ -15,9 +15,11 @@ from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.engine import Engine
 from matiere.jobs.errors import (
     AssetMismatch,
+    Busy,
     Draining,
     IdempotencyConflict,
     JobNotFound,
+    JobsError,
     NotReadyYet,
 )
 from matiere.jobs.job import (
@@ -275,6 +277,22 @@ class FakeEngine(Engine):
     def missing_assets(self, digests: Iterable[str]) -> list[str]:
         """Return those not put."""
         return [digest for digest in digests if digest not in self.assets]
+
+    def check_material(
+        self, material: Mapping[str, Any], *, seed: int = 1, plots: bool = False
+    ) -> dict[str, Any]:
+        """Answer as told by the material's type."""
+        if material.get("type") == "busy":
+            raise Busy("the service is checking another material")
+        if material.get("type") == "broken":
+            raise JobsError("the child crashed", code="signal")
+        if material.get("type") != "lambert":
+            raise SceneValidationError([Fault("/type", "unknown_type", "no such type")])
+        report: dict[str, Any] = {
+            "version": 1, "material": dict(material), "verdict": "pass", "reason": "", "seconds": 1,
+            "findings": [], "limits": [], "views": [], "furnace": [],
+        }  # fmt: skip
+        return report | ({"plots": {"polar": f"<svg>{seed}</svg>"}} if plots else {})
 
     def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
         """Remember the digest of the bytes."""

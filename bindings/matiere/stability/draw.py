@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -64,7 +65,8 @@ def _short(value: Any) -> str:
 # -- the furnace ----------------------------------------------------------------------------------
 def albedo_plot(report: Report) -> Canvas:
     """Return the page of albedo against the angle of view."""
-    page = Canvas(WIDTH, HEIGHT)
+    curves = _furnace_curves(report)
+    page = Canvas(WIDTH, HEIGHT + 16 * (len(curves) + 1))
     top = max([1.0, *(max(row["albedo"]) for row in report.furnace)])
     ceiling = max(1.1, math.ceil(top * 11) / 10)
 
@@ -80,11 +82,13 @@ def albedo_plot(report: Report) -> Canvas:
     page.text(
         (at(1, 1)[0], at(0, 1)[1] - 5), "1: nothing is lost; above, energy is gained", "start"
     )
-    names = _furnace_curves(page, report, at)
-    for k, (name, color, dash) in enumerate(names):
-        y = HEIGHT - BOTTOM - 14 - 16 * (len(names) - 1 - k)
-        page.line([(LEFT + 12, y - 4), (LEFT + 36, y - 4)], color, 2, dash)
-        page.text((LEFT + 42, y), name, "start")
+    for k, curve in enumerate(curves):
+        page.line([at(*point) for point in curve.sampled], curve.color, 2, curve.dash)
+        for point in curve.integrated:
+            page.dot(at(*point), curve.color, 3)
+        y = HEIGHT + 8 + 16 * k
+        page.line([(LEFT, y - 4), (LEFT + 24, y - 4)], curve.color, 2, curve.dash)
+        page.text((LEFT + 32, y), curve.name, "start")
     return page
 
 
@@ -99,25 +103,33 @@ def _grid(page: Canvas, at: Any, ceiling: float) -> None:
     page.line([at(0, ceiling), at(0, 0), at(90, 0), at(90, ceiling), at(0, ceiling)], AXIS)
 
 
-def _furnace_curves(
-    page: Canvas, report: Report, at: Any
-) -> list[tuple[str, str, tuple[float, float] | None]]:
-    names: list[tuple[str, str, tuple[float, float] | None]] = []
-    for side, word, dash in ((1.0, "outside", None), (-1.0, "inside", (5.0, 4.0))):
+@dataclass(frozen=True)
+class _Curve:
+    """Albedo of one side and channel: (degrees, albedo) by sampling and by quadrature."""
+
+    name: str
+    color: str
+    dash: tuple[float, float] | None
+    sampled: list[Point]
+    integrated: list[Point]
+
+
+def _furnace_curves(report: Report) -> list[_Curve]:
+    curves: list[_Curve] = []
+    for side, word, dash in ((1.0, "from outside", None), (-1.0, "from inside", (5.0, 4.0))):
         rows = [row for row in report.furnace if row["side"] == side]
-        rgb = np.array([row["albedo"] for row in rows]).reshape(-1, 3)
+        views = [row for row in report.views if row["side"] == side]
         if not rows:
             continue
-        grey = bool(np.ptp(rgb, axis=1).max() < 1e-3)
-        for channel in range(1 if grey else 3):
-            color = COLOURS[0 if side > 0 else 1] if grey else CHANNELS[channel]
-            curve = [at(r["degrees"], v) for r, v in zip(rows, rgb[:, channel], strict=True)]
-            page.line(curve, color, 2, dash)
-            for view in report.views:
-                if view["side"] == side:
-                    page.dot(at(view["degrees"], view["albedo"][channel]), color, 3)
-            names.append((f"{word}{'' if grey else ' ' + 'RGB'[channel]}", color, dash))
-    return [*names, ("dots: by quadrature of eval", "#ffffff", None)]
+        grey = max(max(row["albedo"]) - min(row["albedo"]) for row in rows) < 1e-3
+        for c in range(1 if grey else 3):
+            color = COLOURS[0 if side > 0 else 1] if grey else CHANNELS[c]
+            name = f"{word}{'' if grey else ', ' + ('red', 'green', 'blue')[c]}"
+            sampled = [(row["degrees"], row["albedo"][c]) for row in rows]
+            integrated = [(row["degrees"], row["albedo"][c]) for row in views]
+            name += " (line: by sampling, dots: by quadrature)" if not curves else ""
+            curves.append(_Curve(name, color, dash, sampled, integrated))
+    return curves
 
 
 # -- the lobes ------------------------------------------------------------------------------------

@@ -20,7 +20,7 @@ from matiere.stability.views import Draw, Effort, Scatterer, look
 VERSION = 1
 EFFORT = Effort(samples=16_000, tolerance=1e-5, budget=150_000)
 DEGREES = (0.0, 30.0, 60.0, 75.0, 85.0, 89.9)
-CURVE_DEGREES = (*(float(d) for d in range(0, 81, 10)), 85.0, 87.0, 89.0, 89.9)
+CURVE_DEGREES = (*(float(d) for d in range(0, 86, 5)), 87.0, 89.0, 89.9)
 CURVE_SAMPLES = 4096
 CONFIRMED = 3  # views of the furnace that are measured again by quadrature
 ORDER = {PASS: 0, WARN: 1, FAIL: 2}
