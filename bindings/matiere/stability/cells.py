@@ -17,6 +17,7 @@ from matiere.stability.charts import Chart, Floats
 LONGEST_SIDE = 2.0  # of a first rectangle: charts stretch every scale to about 1
 ORDER = 5
 MAX_LEVELS = 30
+FEW = 256  # points that decide which way a cell is cut
 
 Value = Callable[[Floats], Floats]
 
@@ -39,10 +40,15 @@ class _Cut:
 
 @dataclass(frozen=True)
 class Integral:
-    """Values integrated over each cell, (cells, K), and how uncertain the first column is."""
+    """Values integrated over each cell, (cells, K), and how uncertain the first column is.
+
+    `uncertain`: what the budget left open in each cell. `doubt`: the last changes of all that was
+    settled, summed without regard to sign: far more than the error of a smooth integrand.
+    """
 
     cells: Floats
     uncertain: Floats
+    doubt: float
     evaluations: int
 
 
@@ -67,8 +73,8 @@ class Cells:
         if depth == 0 or len(points) < 2:
             self._boxes.append(box)
             return _Leaf(box, len(self._boxes) - 1)
-        spread = np.ptp(np.quantile(points, [0.1, 0.9], axis=0), axis=0)
-        axis = int(np.argmax(spread))
+        some = points[:FEW]
+        axis = int(np.argmax(np.abs(some - some.mean(axis=0)).sum(axis=0)))
         at = float(np.median(points[:, axis]))
         low, high = list(box), list(box)
         low[2 * axis + 1] = high[2 * axis] = at
@@ -96,6 +102,7 @@ class Cells:
         coarse = self._quadrature(boxes, value)
         total = np.zeros((len(self), coarse.shape[1]))
         open_ = np.zeros(len(self))
+        doubt = 0.0
         spent = len(boxes) * ORDER**2
         for _ in range(MAX_LEVELS):
             children = _quarters(boxes)
@@ -107,6 +114,7 @@ class Cells:
             if spent > budget:
                 np.add.at(open_, owner[bad], change[bad, 0])
                 bad[:] = False
+            doubt += float(change[~bad, 0].sum())
             np.add.at(total, owner[~bad], sums[~bad])
             if not bad.any():
                 break
@@ -114,7 +122,7 @@ class Cells:
             boxes, coarse, owner = children[again], fine[again], np.tile(owner, 4)[again]
         else:
             np.add.at(total, owner, coarse)
-        return Integral(total, open_, spent)
+        return Integral(total, open_, doubt, spent)
 
     def _pieces(self) -> tuple[Floats, NDArray[np.intp]]:
         """Cells cut into rectangles whose sides are short enough to see every peak."""

@@ -23,7 +23,7 @@ def chi_square_p(expected: Floats, observed: Floats, variance: Floats | None = N
     o = np.append(observed[~few], observed[few].sum())
     v = np.append(extra[~few], extra[few].sum())
     if e[-1] < SMALLEST_COUNT:  # too few even together: what Poisson allows
-        if _poisson_above(o[-1], max(e[-1] + 4 * math.sqrt(v[-1]), 1e-3)) < 1e-9:
+        if _poisson_above(o[-1], max(e[-1] + math.sqrt(v[-1]), 1e-3)) < 1e-9:
             return 0.0
         e, o, v = e[:-1], o[:-1], v[:-1]
     if len(e) < 2:

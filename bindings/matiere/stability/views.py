@@ -126,7 +126,7 @@ def look(bsdf: Scatterer, wo: Floats, seed: int = 1, effort: Effort | None = Non
     expected = np.append(mass.expected, [delta, max(0.0, 1 - integral - delta)]) * s.n
     rejected = float(np.mean(s.lobe == 0))
     observed = np.append(mass.observed, [np.count_nonzero(s.sharp), rejected * s.n])
-    variance = np.append(mass.uncertain * s.n, [0.0, mass.uncertain.sum() * s.n]) ** 2
+    variance = (np.append(mass.uncertain, [0.0, mass.doubt]) * s.n) ** 2
     mean_gap, worst_gap = _weight_gap(bsdf, wo, s)
     return View(
         wo=wo,
@@ -162,6 +162,7 @@ class _Mass:
             return np.concatenate([pdf[:, None], f * energy], axis=1)
 
         self.totals = np.zeros(4)
+        self.doubt = 0.0
         expected, observed, uncertain = [], [], []
         for region in regions(wo * mirror, index):
             mine = region.contains(guide)
@@ -172,6 +173,7 @@ class _Mass:
             self.totals += found.cells.sum(axis=0)
             expected.append(found.cells[:, 0])
             uncertain.append(found.uncertain)
+            self.doubt += found.doubt
             there = drawn[region.contains(drawn)]
             observed.append(np.bincount(cells.find(there), minlength=len(cells)))
         self.expected = np.concatenate(expected)
