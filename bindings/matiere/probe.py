@@ -10,6 +10,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from enum import IntFlag
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -66,12 +68,22 @@ class Bsdf:
     Conventions are those of Veach 1997, chapter 3, and Walter et al. 2007.
     """
 
-    def __init__(self, material: MaterialModel, precision: str = "float") -> None:
+    def __init__(
+        self,
+        material: MaterialModel,
+        precision: str = "float",
+        asset_root: str | PathLike[str] = ".",
+    ) -> None:
         """Use `matiere.bsdf`."""
         from matiere import _core
         from matiere.scene.flatten import core_params
 
-        self._core: _core.Bsdf = _core.Bsdf(material.type, core_params(material, {}), precision)
+        params = core_params(material, {}, _measured(material, asset_root))
+        try:
+            self._core: _core.Bsdf = _core.Bsdf(material.type, params, precision)
+        except _core.SceneError as error:
+            code, where = str(getattr(error, "code", "")), str(getattr(error, "pointer", ""))
+            raise SceneValidationError([Fault(where, code, str(error))]) from None
         self._material = material
         self._real = np.float32 if precision == "float" else np.float64
 
@@ -155,17 +167,39 @@ class Bsdf:
         return np.ascontiguousarray(values, dtype=self._real)
 
 
-def bsdf(description: Mapping[str, Any], *, precision: str = "float") -> Bsdf:
+def bsdf(
+    description: Mapping[str, Any],
+    *,
+    precision: str = "float",
+    asset_root: str | PathLike[str] = ".",
+) -> Bsdf:
     """Return the probe of a material given as in scene JSON, without textures.
 
-    `precision` is "float" (as renders use) or "double": the same formulas in either. See `Bsdf` for
+    `precision` is "float" (as renders use) or "double": the same formulas in either. `asset_root`
+    is the folder of the files that the material names. See `Bsdf` for
     `eval`, `pdf`, `sample` and `albedo`. Raises SceneValidationError, with pointers into
     `description`, for a material that a scene would refuse too, and ValueError for another
     precision.
     """
     if precision not in ("float", "double"):
         raise ValueError(f"precision must be 'float' or 'double', got {precision!r}")
-    return Bsdf(validated(description), precision)
+    return Bsdf(validated(description), precision, asset_root)
+
+
+def _measured(material: MaterialModel, asset_root: str | PathLike[str]) -> dict[str, Any]:
+    """Return the arrays of the files that a material names."""
+    found = material.files()
+    if not found:
+        return {}
+    from matiere.errors import pointed
+    from matiere.scene.assets import AssetRoot
+    from matiere.scene.measured import load_measured
+
+    assets, arrays = AssetRoot(Path(asset_root)), {}
+    for place, name in found.items():
+        with pointed(pointer(*place)):
+            arrays[name] = load_measured(name, assets)
+    return arrays
 
 
 def validated(description: Mapping[str, Any]) -> MaterialModel:

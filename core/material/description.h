@@ -7,6 +7,8 @@
 #include <string>
 #include <variant>
 
+#include "optics/tensor.h"
+
 namespace matiere {
 
 struct TextureRef {
@@ -17,9 +19,12 @@ struct TextureRef {
 struct MaterialDescription;
 using NestedDescription = std::shared_ptr<const MaterialDescription>;
 
-/// A number, a linear Rec.709 colour, a word (enum), a flag, a texture, or another material.
-using ParamValue =
-    std::variant<double, std::array<double, 3>, std::string, bool, TextureRef, NestedDescription>;
+using DataRef = std::shared_ptr<const TensorSet>;
+
+/// A number, a linear Rec.709 colour, a word (enum), a flag, a texture, another material, or the
+/// arrays of a file.
+using ParamValue = std::variant<double, std::array<double, 3>, std::string, bool, TextureRef,
+                                NestedDescription, DataRef>;
 
 /// Of a nested material only type and params count; its pointer is made from its parent's.
 struct MaterialDescription {

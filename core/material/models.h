@@ -9,6 +9,7 @@
 #include "material/models/cook_torrance.h"
 #include "material/models/dielectric.h"
 #include "material/models/lambert.h"
+#include "material/models/measured.h"
 #include "material/models/mirror.h"
 #include "material/models/mix.h"
 #include "material/models/null.h"
@@ -32,6 +33,7 @@ using ModelList = TypeList<
     Conductor<R>,
     CookTorrance<R>,
     Dielectric<R>,
+    Measured<R>,
     Mirror<R>,
     Mix<R>,
     NullModel<R>,

@@ -10,12 +10,13 @@
 
 #include "base/spectrum.h"
 #include "material/nested.h"
+#include "optics/tensor.h"
 
 namespace matiere {
 
 inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
-enum class ParamKind : std::uint8_t { kScalar, kColor, kBool, kEnum, kMetal, kMaterial };
+enum class ParamKind : std::uint8_t { kScalar, kColor, kBool, kEnum, kMetal, kMaterial, kFile };
 
 /// The type-erased part of one row.
 struct ParamInfo {
@@ -49,6 +50,7 @@ struct Param {
     Value<Spectrum<R>> P::* color = nullptr;
     Value<int> P::* choice = nullptr;  ///< enums and bools
     Value<Nested<R>> P::* nested = nullptr;
+    Value<const TensorSet*> P::* data = nullptr;  ///< what a file holds
 
     constexpr Param range(double min, double max) const {
         Param p = *this;
@@ -128,6 +130,19 @@ constexpr Param<P, R> material(std::string_view name, Value<Nested<R>> P::* memb
     p.info.doc = doc;
     p.info.constant_only = true;
     p.nested = member;
+    return p;
+}
+
+/// A file of measured reflection, read before the core sees the material.
+template <class P, class R>
+constexpr Param<P, R> measured_file(std::string_view name, Value<const TensorSet*> P::* member,
+                                    std::string_view doc) {
+    Param<P, R> p;
+    p.info.name = name;
+    p.info.kind = ParamKind::kFile;
+    p.info.doc = doc;
+    p.info.constant_only = true;
+    p.data = member;
     return p;
 }
 

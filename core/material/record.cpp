@@ -134,6 +134,22 @@ void check_nested(const Reader& reader, const ModelRecipe<R>& recipe) {
                     "a shape is of one medium");
 }
 
+/// Which kinds of rows a parameter struct has: code for the others is not even compiled.
+template <class P>
+struct Rows {
+    template <class F>
+    static constexpr bool any(F&& f) {
+        for (const auto& row : P::table())
+            if (f(row)) return true;
+        return false;
+    }
+    static constexpr bool kScalar = any([](const auto& r) { return r.scalar != nullptr; });
+    static constexpr bool kColor = any([](const auto& r) { return r.color != nullptr; });
+    static constexpr bool kChoice = any([](const auto& r) { return r.choice != nullptr; });
+    static constexpr bool kNested = any([](const auto& r) { return r.nested != nullptr; });
+    static constexpr bool kData = any([](const auto& r) { return r.data != nullptr; });
+};
+
 /// Fills one row's member; returns the texture that will overwrite it at hits, or -1.
 template <class P, class R>
 int fill(const Reader& reader, const Param<P, R>& row, P& params) {
@@ -148,29 +164,43 @@ int fill(const Reader& reader, const Param<P, R>& row, P& params) {
                         info.name);
         return -1;
     }
+    if constexpr (Rows<P>::kData)
+        if (row.data) {
+            const auto* file = value ? std::get_if<DataRef>(value) : nullptr;
+            if (value && (!file || !*file))
+                reader.fail("wrong_type", std::string(info.name) + " must be the arrays of a file",
+                            info.name);
+            if (file) params.*(row.data) = {file->get(), true, false};
+            return -1;
+        }
     const int texture = value ? reader.texture(info, *value) : -1;
     const bool constant = value && texture < 0;
     const auto mark = [&](auto& member) {
         member.given = value != nullptr;
         member.textured = texture >= 0;
     };
-    if (row.scalar) {
-        auto& member = params.*(row.scalar);
-        member.v = R(constant ? reader.number(info, *value) : info.default_value);
-        mark(member);
-    } else if (row.color) {
-        auto& member = params.*(row.color);
-        member.v = Spectrum<R>(R(info.default_value));
-        if (constant) {
-            const auto c = reader.colour(info, *value);
-            member.v = {R(c[0]), R(c[1]), R(c[2])};
+    if constexpr (Rows<P>::kScalar)
+        if (row.scalar) {
+            auto& member = params.*(row.scalar);
+            member.v = R(constant ? reader.number(info, *value) : info.default_value);
+            mark(member);
         }
-        mark(member);
-    } else {
-        auto& member = params.*(row.choice);
-        member.v = constant ? reader.choice(info, *value) : int(info.default_value);
-        mark(member);
-    }
+    if constexpr (Rows<P>::kColor)
+        if (row.color) {
+            auto& member = params.*(row.color);
+            member.v = Spectrum<R>(R(info.default_value));
+            if (constant) {
+                const auto c = reader.colour(info, *value);
+                member.v = {R(c[0]), R(c[1]), R(c[2])};
+            }
+            mark(member);
+        }
+    if constexpr (Rows<P>::kChoice)
+        if (row.choice) {
+            auto& member = params.*(row.choice);
+            member.v = constant ? reader.choice(info, *value) : int(info.default_value);
+            mark(member);
+        }
     return texture;
 }
 
@@ -220,27 +250,17 @@ void check_names(const Reader& reader, const MaterialDescription& d) {
 template <class P, class R>
 void apply_slot(P& params, const TextureSlot& slot, const Spectrum<R>& value) {
     static constexpr auto table = P::table();
-    if constexpr (table.size() > 0) {
-        const auto& row = table[slot.row];
-        if (row.scalar)
-            (params.*(row.scalar)).v = value[0];
-        else if (row.color)
-            (params.*(row.color)).v = value;
-    }
-}
-
-template <class P>
-constexpr bool has_nested() {
-    for (const auto& row : P::table())
-        if (row.nested) return true;
-    return false;
+    if constexpr (Rows<P>::kScalar)
+        if (const auto& row = table[slot.row]; row.scalar) (params.*(row.scalar)).v = value[0];
+    if constexpr (Rows<P>::kColor)
+        if (const auto& row = table[slot.row]; row.color) (params.*(row.color)).v = value;
 }
 
 /// Completes a parameter with a nested model made at the hit.
 template <class P, class R>
 void apply_nested(P& params, std::uint8_t row, const ModelBox<R>* box) {
     static constexpr auto table = P::table();
-    if constexpr (has_nested<P>()) (params.*(table[row].nested)).v.box = box;
+    if constexpr (Rows<P>::kNested) (params.*(table[row].nested)).v.box = box;
 }
 
 template <class M, class R>
@@ -254,12 +274,12 @@ ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription
     for (const auto& row : P::table()) {
         const int texture = fill(reader, row, params);
         if (texture >= 0) recipe.slots.push_back({index, texture});
-        if (row.nested)
-            if (auto child = nested_recipe<R>(reader, d, row.info, tables)) {
-                auto& member = params.*(row.nested);
-                member = {{&child->made}, true, child->textured()};
-                recipe.nested.push_back({index, std::move(child)});
-            }
+        if constexpr (Rows<P>::kNested)
+            if (row.nested)
+                if (auto child = nested_recipe<R>(reader, d, row.info, tables)) {
+                    params.*(row.nested) = {{&child->made}, true, child->textured()};
+                    recipe.nested.push_back({index, std::move(child)});
+                }
         ++index;
     }
     check_nested(reader, recipe);

@@ -5,6 +5,7 @@
 #include <algorithm>
 #include <cmath>
 #include <deque>
+#include <memory>
 #include <utility>
 #include <vector>
 
@@ -105,9 +106,15 @@ class TableStore {
     const AlbedoTable<R>* add(AlbedoTable<R> table) {
         return &tables_.emplace_back(std::move(table));
     }
+    template <class T>
+    const T* keep(std::shared_ptr<const T> any) {
+        kept_.push_back(any);
+        return any.get();
+    }
 
  private:
     std::deque<AlbedoTable<R>> tables_;  // a deque: views stay valid while it grows
+    std::vector<std::shared_ptr<const void>> kept_;
 };
 
 }  // namespace matiere

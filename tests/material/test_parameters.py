@@ -9,7 +9,7 @@ import pytest
 from matiere import _core
 
 ROWS = {row["type"]: row for row in _core.materials()}
-KINDS = {"scalar", "color", "bool", "enum", "metal", "material"}
+KINDS = {"scalar", "color", "bool", "enum", "metal", "material", "file"}
 
 
 def test_the_first_six_models_are_listed() -> None:
@@ -36,6 +36,8 @@ def test_every_row_is_complete(row: dict[str, Any]) -> None:
 @pytest.mark.parametrize("row", ROWS.values(), ids=ROWS)
 def test_defaults_may_be_filled_in_without_changing_the_material(row: dict[str, Any]) -> None:
     needed: dict[str, Any] = {"eta": 0.5, "k": 2.0} if row["type"] == "conductor" else {}
+    if row["type"] == "measured":
+        pytest.skip("has no defaults, and needs a file")
     nested = [p["name"] for p in row["params"] if p["kind"] == "material" and p["required"]]
     needed |= {name: {"type": "lambert"} for name in nested}
     defaults = {p["name"]: p["default"] for p in row["params"] if p["default"] is not None}

@@ -288,6 +288,8 @@ def test_every_core_material_can_be_built() -> None:
     """With required parameters only; what a rule asks for is taken from its first choice."""
     sample = {"metal": "Cu", "color": 0.5, "scalar": 1.5, "material": {"type": "lambert"}}
     for row in mt.materials():
+        if row["type"] == "measured":
+            continue  # needs a file: tests/material/test_measured.py
         kinds = {p["name"]: p["kind"] for p in row["params"]}
         names = [p["name"] for p in row["params"] if p["required"]]
         names += [choices[0] for choices in row["one_of"]]

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
+import measured_files
 from classic_cases import CLASSIC
 
 from matiere import _core
@@ -20,9 +21,13 @@ class Case:
 
     type: str
     params: dict[str, Any] = field(default_factory=dict)
+    name: str = ""  # instead of parameters too long to be written
+    reciprocal: bool = True
 
     @property
     def id(self) -> str:
+        if self.name:
+            return f"{self.type}-{self.name}"
         words = [f"{k}={v}" for k, v in self.params.items()]
         return "-".join([self.type, *words]).replace(" ", "")
 
@@ -159,6 +164,10 @@ PICKED = (
     Case("dielectric", {"eta": 1.0 + 1e-4, "alpha": 0.3}),
     Case("dielectric", {"eta": 1.0, "alpha": 0.3}),
     *(Case(kind, params) for kind, params in CLASSIC),
+    *(
+        Case("measured", {"file": ("data", arrays)}, name, reciprocal=name.startswith("merl"))
+        for name, arrays in measured_files.made().items()
+    ),
     Case("null"),
     Case("mix", {"a": PLASTIC, "b": {"type": "conductor", **GOLD, "alpha": 0.1}, "weight": 0.3}),
     Case("mix", {"a": {"type": "mirror", "F0": 1.0}, "b": ROUGH_MIRROR, "weight": 0.7}),
@@ -207,6 +216,8 @@ def _allowed(row: dict[str, Any], params: dict[str, Any]) -> bool:
 def generated() -> Iterator[Case]:
     """Yield every model with one parameter at a time moved to its bounds."""
     for row in ROWS.values():
+        if any(p["kind"] == "file" and p["required"] for p in row["params"]):
+            continue  # test_measured.py brings the files
         base = _needed(row)
         yield Case(row["type"], base)
         for p in row["params"]:

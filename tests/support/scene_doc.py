@@ -22,6 +22,8 @@ def allowed(row: dict[str, Any]) -> str:
         return ", ".join(f"`{choice}`" for choice in row["choices"])
     if row["kind"] == "material":
         return "material"
+    if row["kind"] == "file":
+        return "name of a file"
     if row["kind"] == "metal":
         return "name of a metal"
     if row["kind"] == "bool":

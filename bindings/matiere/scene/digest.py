@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from matiere.scene.materials import MaterialModel, TextureRef
+from matiere.scene.materials import FileName, MaterialModel, TextureRef
 
 if TYPE_CHECKING:
     from matiere.scene.checks import Node
@@ -72,6 +72,8 @@ def _plain(value: Any, scene: Scene) -> Any:
         return {"texture": value.texture}
     if isinstance(value, MaterialModel):
         return {key: _plain(item, scene) for key, item in value.filled().items()}
+    if isinstance(value, FileName):
+        return {"sha256": scene.asset_digest(value), "format": value.rsplit(".", 1)[-1].lower()}
     if isinstance(value, BaseModel):
         return _node(value, scene)
     if isinstance(value, np.ndarray):

@@ -19,7 +19,8 @@ from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
 from matiere.scene.camera import PinholeCamera, ThinLensCamera
 from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
-from matiere.scene.materials import MaterialModel, TextureRef
+from matiere.scene.materials import FileName, MaterialModel, TextureRef
+from matiere.scene.measured import Arrays, load_measured
 from matiere.scene.meshes import Files, PlacedMesh, clean, load_mesh
 from matiere.scene.model import SceneModel
 from matiere.scene.shapes import MeshShape, SphereShape
@@ -51,6 +52,7 @@ class _Work:
     textures: dict[str, int] = field(default_factory=dict)
     materials: dict[str, int] = field(default_factory=dict)
     environment: NDArray[np.float32] | None = None
+    measured: dict[str, Arrays] = field(default_factory=dict)  # file name -> what it holds
 
     def note(self, at: str, code: str, message: str, count: int) -> None:
         self.notes.append({"pointer": at, "code": code, "message": message, "count": count})
@@ -69,6 +71,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     _add_textures(model, assets, work)
     _check_scalar_textures(model, work)
     _read_environment(model, assets, work)
+    _read_measured(model, assets, work)
     if work.faults:
         raise SceneValidationError(work.faults)
     center = scene_center(model, [mesh for _, mesh in meshes])
@@ -173,6 +176,15 @@ def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> None
         work.environment = loaded.pixels
 
 
+def _read_measured(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
+    """Read every file of measured reflection once."""
+    for name, material in model.materials.items():
+        for place, file in material.files().items():
+            if file not in work.measured:
+                with _collected(pointer("materials", name, *place), work):
+                    work.measured[file] = load_measured(file, assets)
+
+
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
     film, camera = model.film, model.camera
     work.description.set_film(film.width, film.height, film.filter, film.radius, film.crop)
@@ -189,10 +201,12 @@ def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None
     )
 
 
-def core_params(material: MaterialModel, textures: Mapping[str, int]) -> dict[str, Any]:
+def core_params(
+    material: MaterialModel, textures: Mapping[str, int], files: Mapping[str, Any] | None = None
+) -> dict[str, Any]:
     """Return the parameters as the core takes them: metals resolved, textures by index.
 
-    A nested material is a dict of its parameters and its `type`.
+    A nested material is a dict of its parameters and its `type`; `files` has the arrays of files.
     """
     params: dict[str, Any] = {}
     for name, value in material.params().items():
@@ -200,7 +214,9 @@ def core_params(material: MaterialModel, textures: Mapping[str, int]) -> dict[st
             constants = metal(value)
             params |= {"eta": tuple(constants["eta"]), "k": tuple(constants["k"])}
         elif isinstance(value, MaterialModel):
-            params[name] = {"type": value.type, **core_params(value, textures)}
+            params[name] = {"type": value.type, **core_params(value, textures, files)}
+        elif isinstance(value, FileName):
+            params[name] = ("data", (files or {})[value])
         else:
             params[name] = _core_value(value, textures)
     return params
@@ -214,7 +230,7 @@ def _add_materials(model: SceneModel, work: _Work) -> None:
     for name, material in model.materials.items():
         work.materials[name] = work.description.add_material(
             material.type,
-            core_params(material, work.textures),
+            core_params(material, work.textures, work.measured),
             emission=_core_value(material.emission, work.textures),
             opacity=_core_value(material.opacity, work.textures),
             two_sided=material.two_sided,

@@ -44,6 +44,12 @@ class TextureRef(Node):
     texture: str = Field(min_length=1, description="a key of `textures`")
 
 
+class FileName(str):
+    """The name of a file under the asset root."""
+
+    __slots__ = ()
+
+
 class MaterialModel(Node):
     """What every material has beside the parameters of its type."""
 
@@ -87,6 +93,17 @@ class MaterialModel(Node):
                 found[name,] = value.texture
             elif isinstance(value, MaterialModel):
                 found |= {(name, *place): t for place, t in value.textures().items()}
+        return found
+
+    def files(self) -> dict[tuple[str, ...], str]:
+        """Return place -> file name for the parameters that are files, nested ones too."""
+        found: dict[tuple[str, ...], str] = {}
+        for name in type(self).model_fields:
+            value = getattr(self, name)
+            if isinstance(value, FileName):
+                found[name,] = str(value)
+            elif isinstance(value, MaterialModel):
+                found |= {(name, *place): file for place, file in value.files().items()}
         return found
 
     def row_of(self, place: tuple[str, ...]) -> Mapping[str, Any]:
@@ -193,6 +210,17 @@ def material_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
     return check
 
 
+def file_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a file's name."""
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, str) or not value:
+            raise fault("wrong_type", f"expected the name of a file, got {shown(value)}")
+        return FileName(value)
+
+    return check
+
+
 def bool_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
     """Return the validator of a flag."""
 
@@ -220,6 +248,7 @@ def int_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
 KINDS: dict[str, Callable[[Mapping[str, Any]], Callable[[Any], Any]]] = {
     "scalar": scalar_param, "color": color_param, "enum": enum_param, "metal": metal_param,
     "bool": bool_param, "int": int_param, "material": material_param,
+    "file": file_param,
 }  # fmt: skip
 
 
@@ -232,6 +261,8 @@ def param_schema(row: Mapping[str, Any]) -> dict[str, Any]:
         return {"enum": sorted(metals())}
     if kind == "bool":
         return {"type": "boolean"}
+    if kind == "file":
+        return {"type": "string", "minLength": 1}
     if kind == "material":
         return {"type": "object"}  # `schema` puts the reference to all materials here
     one: dict[str, Any] = {"type": "integer" if kind == "int" else "number"}

@@ -15,6 +15,7 @@ from matiere.scene.checks import choose
 from matiere.scene.model import DEFAULT_CONFIG, DEFAULT_DISPLAY, DEFAULT_VIEW
 
 MESH_SUFFIXES = (".ply", ".obj", ".glb")
+MEASURED_SUFFIXES = (".binary", ".bsdf")
 IMAGE_SUFFIXES = (".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 Place = tuple[str | int, ...]
@@ -39,6 +40,9 @@ def files(document: Mapping[str, Any]) -> Iterator[tuple[Place, str, tuple[str, 
     for key, texture in _entries(document.get("textures")):
         if isinstance(name := texture.get("file"), str):
             yield ("textures", key, "file"), name, IMAGE_SUFFIXES
+    for key, material in _entries(document.get("materials")):
+        for place, name in _files_in(material):
+            yield ("materials", key, *place), name, MEASURED_SUFFIXES
     environment = document.get("environment")
     if isinstance(environment, Mapping) and isinstance(name := environment.get("file"), str):
         yield ("environment", "file"), name, IMAGE_SUFFIXES
@@ -87,6 +91,15 @@ def _textures_in(material: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
             yield (parameter,), name
         elif "type" in value:
             yield from (((parameter, *place), name) for place, name in _textures_in(value))
+
+
+def _files_in(material: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
+    """Yield place and name of every file of a material and of those nested in it."""
+    for parameter, value in material.items():
+        if parameter == "file" and isinstance(value, str):
+            yield (parameter,), value
+        elif isinstance(value, Mapping) and "type" in value:
+            yield from (((parameter, *place), name) for place, name in _files_in(value))
 
 
 def _file(place: Place, name: str, suffixes: tuple[str, ...], root: AssetRoot) -> Iterator[Fault]:

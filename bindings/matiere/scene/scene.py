@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from matiere.errors import AssetChanged, Fault, SceneValidationError, pointer
 from matiere.scene import references
 from matiere.scene.assets import AssetRoot
+from matiere.scene.materials import MaterialModel
 from matiere.scene.model import SceneModel
 
 if TYPE_CHECKING:
@@ -126,10 +127,22 @@ class Scene:
         names: dict[str, Any] = {
             "shapes": [{"type": s.type, "file": getattr(s, "file", None)} for s in shapes],
             "textures": {key: {"file": t.file} for key, t in self.model.textures.items()},
+            "materials": {key: _file_tree(m) for key, m in self.model.materials.items()},
         }
         if self.model.environment is not None:
             names["environment"] = {"file": self.model.environment.file}
         return names
+
+
+def _file_tree(material: MaterialModel) -> dict[str, Any]:
+    """Return the files of a material as the document has them."""
+    tree: dict[str, Any] = {}
+    for place, name in material.files().items():
+        inner = tree
+        for key in place[:-1]:
+            inner = inner.setdefault(key, {"type": ""})
+        inner[place[-1]] = name
+    return tree
 
 
 def given(value: Any) -> Any:
