@@ -1,6 +1,6 @@
 """Does `sample` draw from `pdf`? The measure of the stability report, at the tests' own effort.
 
-What makes it sound for stiff lobes is described and tested in matiere/stability and tests/stability.
+What makes it sound for stiff lobes stands in matiere/stability and is tested in tests/stability.
 """
 
 from __future__ import annotations

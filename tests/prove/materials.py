@@ -1,0 +1,212 @@
+"""Issue 3, acceptance 1: one table, every model against its whole contract, in float and in double
+
+Runs the contract tests of tests/material over every parameter set they know and every cell of
+examples/materials, and measures each with the stability report. Resumable: prove-out/materials.json
+keeps a row per parameter set and build; prove-out/materials.md is the table. Arguments: names of
+models (all); --sample N takes N parameter sets of each model.
+"""
+
+import argparse
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from collections.abc import Callable, Iterator
+from concurrent.futures import ProcessPoolExecutor, as_completed
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).resolve().parents[2]
+sys.path[:0] = [str(ROOT / "tests" / "support")]
+
+from material_cases import ROWS, Case, all_cases  # noqa: E402
+
+import matiere as mt  # noqa: E402
+from matiere.jobs import sweep as sweeps  # noqa: E402
+from matiere.probe import validated  # noqa: E402
+from matiere.scene.flatten import core_params  # noqa: E402
+from matiere.stability.report import Promises, check_bsdf  # noqa: E402
+
+OUT = ROOT / "prove-out"
+PRECISIONS = ("float", "double")
+# column -> the contract test that decides it
+TESTS = {
+    "chi2, pdf": "test_samples_follow_the_pdf",
+    "weight": "test_the_weight_is_eval_over_pdf",
+    "reciprocity": "test_scattering_is_reciprocal",
+    "furnace": "test_the_furnace_never_gains",
+    "finite": "test_nothing_is_ever_non_finite_or_negative",
+    "sides": "test_sampled_directions_are_unit_and_on_the_lobes_side",
+}
+# column -> key of a view of the stability report, and which of two values is worse
+MEASURES: dict[str, tuple[str, Callable[..., float]]] = {
+    "smallest p": ("chi_square_p", min),
+    "pdf gap": ("pdf_gap", max),
+    "weight gap": ("weight_gap", max),
+    "reciprocity gap": ("reciprocity_gap", max),
+    "largest albedo": ("albedo", max),
+    "float gap": ("float_gap", max),
+}
+
+
+def contract() -> Any:
+    """Return the module of the contract tests."""
+    path = ROOT / "tests" / "material" / "test_contract.py"
+    spec = importlib.util.spec_from_file_location("test_contract", path)
+    assert spec is not None and spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def examples() -> Iterator[Case]:
+    """Yield the materials of every cell of examples/materials that a probe can take."""
+    base = {"materials": {"ball": {"type": "lambert"}}}
+    for path in sorted((ROOT / "examples" / "materials").glob("*.json")):
+        sweep = json.loads(path.read_text(encoding="utf-8"))
+        try:
+            axes = sweeps.parse_axes(sweep["axes"], base, sweep.get("mode", "grid"))
+            cells = list(sweeps.expand(base, axes, sweep.get("mode", "grid")))
+        except mt.MatiereError:
+            continue  # varies more than the material
+        for cell in cells:
+            material = dict(cell.scene["materials"]["ball"])
+            try:
+                model = validated(material)
+            except mt.MatiereError:
+                continue  # has textures
+            yield Case(model.type, core_params(model, {}))
+
+
+def judge(case: Case) -> dict[str, Any]:
+    """Run every contract test on one parameter set in both precisions, and measure it."""
+    module = contract()
+    row: dict[str, Any] = {"type": case.type, "id": case.id, "faults": {}}
+    for precision in PRECISIONS:
+        verdicts = {}
+        for column, name in TESTS.items():
+            try:
+                getattr(module, name)(case, precision)
+                verdicts[column] = True
+            except AssertionError as error:
+                verdicts[column] = False
+                row["faults"][f"{column}, {precision}"] = str(error)[:400]
+        row[precision] = verdicts
+    promises = Promises(two_sides=case.interface)
+    report = check_bsdf(case.bsdf("double"), case.bsdf("float"), promises)
+    views = [view | derived(view) for view in report.views]
+    for column, (key, worse) in MEASURES.items():
+        row[column] = worse((view[key] for view in views), default=None)
+    row["report"] = report.verdict
+    row["reason"] = report.reason
+    return row
+
+
+def derived(view: dict[str, Any]) -> dict[str, float]:
+    """Return what a view says only in parts."""
+    gap = view["pdf_integral"] + view["rejected"] + view["delta"] - 1
+    return {"pdf_gap": abs(gap), "albedo": max(view["albedo"])}
+
+
+def oracle_worst() -> dict[str, dict[str, float]]:
+    """Run the oracle tests; return model -> the worst error, and its share of what is allowed."""
+    with tempfile.TemporaryDirectory() as folder:
+        log = Path(folder) / "oracle.jsonl"
+        command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-k", "oracle"]
+        done = subprocess.run(
+            [*command, str(ROOT / "tests" / "material"), str(ROOT / "tests" / "optics")],
+            cwd=ROOT, env={**os.environ, "MATIERE_ORACLE_LOG": str(log)}, check=False,
+            capture_output=True, text=True,
+        )  # fmt: skip
+        if done.returncode not in (0, 5):
+            print(done.stdout[-2000:])
+        lines = log.read_text(encoding="utf-8").splitlines() if log.exists() else []
+    worst: dict[str, dict[str, float]] = {}
+    for line in lines:
+        note = json.loads(line)
+        known = worst.setdefault(note["model"], {"error": 0.0, "share": 0.0, "checks": 0})
+        known["checks"] += 1
+        known["error"] = max(known["error"], note["error"])
+        known["share"] = max(known["share"], note["error"] / note["allowed"])
+    return worst
+
+
+def table(rows: list[dict[str, Any]], oracle: dict[str, dict[str, float]]) -> str:
+    """Return the markdown table: one line per model, the worst of its parameter sets."""
+    head = ["model", "sets", *TESTS, *MEASURES, "oracle: worst error (share of allowed)",
+            "float = double"]  # fmt: skip
+    lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
+    for kind in ROWS:
+        mine = [row for row in rows if row["type"] == kind]
+        if mine:
+            lines.append("| " + " | ".join(cells(kind, mine, oracle.get(kind))) + " |")
+    return "\n".join(lines)
+
+
+def cells(kind: str, mine: list[dict[str, Any]], oracle: dict[str, float] | None) -> Iterator[str]:
+    """Yield the cells of one model."""
+    yield kind
+    yield str(len(mine))
+    for column in TESTS:
+        bad = sum(not (row["float"][column] and row["double"][column]) for row in mine)
+        yield "pass" if not bad else f"FAIL {bad}"
+    for column, (_, worse) in MEASURES.items():
+        values = [row[column] for row in mine if row[column] is not None]
+        yield f"{worse(values):.2g}" if values else "-"
+    yield f"{oracle['error']:.1e} ({oracle['share']:.2f})" if oracle else "-"
+    agree = all(row["float"] == row["double"] for row in mine)
+    yield "agree" if agree else "DISAGREE"
+
+
+def chosen(arguments: argparse.Namespace) -> list[Case]:
+    """Return the parameter sets asked for, each once."""
+    found = {case.id: case for case in (*all_cases(), *examples())}
+    kinds = arguments.models or list(ROWS)
+    picked = []
+    for kind in kinds:
+        mine = [case for case in found.values() if case.type == kind]
+        step = max(1, len(mine) // arguments.sample) if arguments.sample else 1
+        picked += mine[::step]
+    return picked
+
+
+def main() -> int:
+    """Judge what is missing, write JSON and table, print the table and every fault."""
+    parser = argparse.ArgumentParser(description="Prove every material model.")
+    parser.add_argument("models", nargs="*", help=", ".join(ROWS))
+    parser.add_argument("--sample", type=int, help="parameter sets of each model (default: all)")
+    parser.add_argument("--out", type=Path, default=OUT)
+    parser.add_argument("--no-oracle", action="store_true")
+    arguments = parser.parse_args()
+    if unknown := set(arguments.models) - set(ROWS):
+        parser.error(f"no model is called {', '.join(sorted(unknown))}")
+    arguments.out.mkdir(exist_ok=True)
+    store = arguments.out / "materials.json"
+    build = mt.info()["source_hash"]
+    kept = json.loads(store.read_text(encoding="utf-8")) if store.exists() else {}
+    done = kept["rows"] if kept.get("build") == build else {}
+    wanted = chosen(arguments)
+    missing = [case for case in wanted if case.id not in done]
+    print(f"{len(wanted)} parameter sets, {len(missing)} to judge", flush=True)
+    with ProcessPoolExecutor(len(os.sched_getaffinity(0))) as pool:
+        jobs = {pool.submit(judge, case): case for case in missing}
+        for count, job in enumerate(as_completed(jobs), 1):
+            done[jobs[job].id] = job.result()
+            if count % 20 == 0 or count == len(missing):
+                store.write_text(json.dumps({"build": build, "rows": done}, indent=1) + "\n")
+                print(f"{count} of {len(missing)}", flush=True)
+    oracle = {} if arguments.no_oracle else oracle_worst()
+    rows = [done[case.id] for case in wanted]
+    text = table(rows, oracle)
+    (arguments.out / "materials.md").write_text(text + "\n", encoding="utf-8")
+    print(text)
+    bad = [row for row in rows if row["faults"]]
+    for row in bad:
+        print(row["id"], json.dumps(row["faults"], indent=1))
+    return 1 if bad else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
