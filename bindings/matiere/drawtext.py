@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matiere.errors import ImageError
-from matiere.imageio import Image, _oiio
+from matiere.imageio import Image, load_oiio
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ def _font(bold: bool) -> str:
 
 def text_width(text: str, size: int, bold: bool = False) -> int:
     """Return how many pixels wide draw_text draws a text."""
-    oiio = _oiio()
+    oiio = load_oiio()
     roi = oiio.ImageBufAlgo.text_size(_printable(text), size, _font(bold))
     return int(roi.xend - min(roi.xbegin, 0)) if roi.defined else 0
 
@@ -60,7 +60,7 @@ def draw_text(image: Image, marks: Sequence[TextMark]) -> Image:
     Raises:
         ImageError: if the text cannot be rendered.
     """
-    oiio = _oiio()
+    oiio = load_oiio()
     buffer = oiio.ImageBuf(np.ascontiguousarray(image, dtype=np.float32))
     for mark in marks:
         text = _printable(mark.text)

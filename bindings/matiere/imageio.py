@@ -35,7 +35,7 @@ class Decoded:
     metadata: Mapping[str, Any]
 
 
-def _oiio() -> Any:
+def load_oiio() -> Any:
     import OpenImageIO
 
     return OpenImageIO
@@ -47,7 +47,7 @@ def read_image(path: str | os.PathLike[str]) -> Decoded:
     Returns float32 pixels; 8- and 16-bit whole numbers become [0, 1], half and float stay. Alpha is
     left as it is in the file. Raises ImageError with the reason if the file cannot be decoded.
     """
-    oiio = _oiio()
+    oiio = load_oiio()
     name = os.fspath(path)
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
@@ -161,6 +161,7 @@ class Stored:
     channels: Sequence[str]
     metadata: Mapping[str, str | int | float | tuple[float, ...]]
     color_space: str = ""  # Color Interop Forum ID; empty: linear Rec.709 in EXR, else sRGB
+    quality: int = 95  # of a JPEG, 1 to 100; below 90 colour has half the resolution
 
 
 def write_stored(path: str | os.PathLike[str], stored: Stored, pixel_type: str) -> None:
@@ -179,7 +180,7 @@ def encode(stored: Stored, suffix: str, pixel_type: str) -> bytes:
     Encoded in memory: on a full disk some encoders write on in silence and libjpeg ends the
     process. Raises ImageError with the reason.
     """
-    oiio = _oiio()
+    oiio = load_oiio()
     height, width, count = stored.pixels.shape
     spec = oiio.ImageSpec(width, height, count, pixel_type)
     spec.channelnames = tuple(stored.channels)
@@ -205,7 +206,7 @@ def _complete(name: str, stored: Stored, suffix: str, pixel_type: str) -> bool:
     """Read an image back: OpenImageIO does not notice every write that failed."""
     if suffix in (".jpg", ".jpeg"):  # lossy: look for the end marker
         return Path(name).read_bytes()[-2:] == b"\xff\xd9"
-    oiio = _oiio()
+    oiio = load_oiio()
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(name, config)
@@ -237,8 +238,8 @@ def _describe(spec: Any, stored: Stored, suffix: str) -> None:
         spec.attribute("oiio:UnassociatedAlpha", 1)
         spec.attribute("png:compressionLevel", 6)
     elif suffix in (".jpg", ".jpeg"):
-        spec.attribute("Compression", "jpeg:95")
-        spec.attribute("jpeg:subsampling", "4:4:4")
+        spec.attribute("Compression", f"jpeg:{stored.quality}")
+        spec.attribute("jpeg:subsampling", "4:4:4" if stored.quality >= 90 else "4:2:0")
     elif suffix == ".exr":
         spec.attribute("compression", "zip")
     usual = LINEAR_REC709 if suffix in (".exr", ".hdr") else SRGB_DISPLAY
