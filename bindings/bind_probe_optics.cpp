@@ -179,8 +179,8 @@ py::tuple world_sample(const PyMaterials& t, int material, const py::dict& point
 py::tuple albedo_table(double alpha, int distribution, int masking, const Array<double>& cosines) {
     const auto surface =
         Microfacet<double>::make(alpha, alpha, Distribution(distribution), Masking(masking));
-    const AlbedoRow row{surface};
-    const auto table = tabulate_albedo({&row, 1}, FresnelTerm<double>::terms);
+    const AlbedoRow row = surface_row(surface, 0.0, FresnelTerm<double>::terms);
+    const auto table = tabulate_albedo({&row, 1});
     const py::ssize_t n = cosines.shape(0);
     py::array_t<double> direct({n, py::ssize_t(3)}), looked_up({n, py::ssize_t(3)});
     for (py::ssize_t k = 0; k < n; ++k) {

@@ -6,20 +6,13 @@
 
 namespace matiere {
 
-template <class T, std::size_t A, std::size_t B>
-constexpr std::array<T, A + B> join(const std::array<T, A>& a, const std::array<T, B>& b) {
-    std::array<T, A + B> all{};
-    for (std::size_t i = 0; i < A; ++i) all[i] = a[i];
-    for (std::size_t i = 0; i < B; ++i) all[A + i] = b[i];
-    return all;
-}
-
 inline constexpr double kDefaultAlpha = 0.1;
 
 template <class R>
 struct AlphaParams {
     Value<R> alpha, roughness, exponent, alpha_x, alpha_y;
     Value<int> distribution, masking;
+    Value<int> multiscatter;  ///< read by models that list its row
 
     /// Rows for a parameter struct P that derives from this one; `initial` is alpha's default.
     template <class P>
@@ -41,6 +34,13 @@ struct AlphaParams {
             choice<P, R>("masking", &P::masking, kMaskingNames,
                          "Shadowing and masking: smith is height-correlated.")
                 .initially(0)};
+    }
+    /// The row of models that can add what single scattering between facets loses.
+    template <class P>
+    static constexpr auto multiscatter_row() {
+        return std::array{flag<P, R>("multiscatter", &P::multiscatter,
+                                     "Add the light that facets scatter more than once.")
+                              .initially(0)};
     }
     static constexpr auto rules() {
         return std::array{exclusive("alpha", "roughness", "exponent", "alpha_x"),

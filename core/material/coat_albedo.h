@@ -2,6 +2,7 @@
 // reflectance where the surface is smooth.
 #pragma once
 
+#include <functional>
 #include <vector>
 
 #include "material/alpha_params.h"
@@ -16,6 +17,8 @@ struct CoatAlbedo {
     Spectrum<R> smooth_average;             ///< its cosine average, where smooth
     R alpha_row{};                          ///< place of a textured alpha among the rows
     R alpha_x{R(1)}, alpha_y{R(1)};         ///< unequal: the rows go over azimuth
+    const AlbedoTable<R>* white = nullptr;  ///< of F = 1: the coat's multiple scattering is its own
+    Spectrum<R> returned{};                 ///< share of the light lost there that comes back
 
     /// Rows are uniform in this coordinate of the width seen from an azimuth.
     static R azimuth_row(R alpha_x, R alpha_y, Vec3<R> w) {
@@ -27,16 +30,24 @@ struct CoatAlbedo {
         return (seen - low) / width;
     }
 
+    R row(Vec3<R> w) const {
+        return alpha_x != alpha_y ? azimuth_row(alpha_x, alpha_y, w) : alpha_row;
+    }
+    /// What the table holds; there must be one.
+    Spectrum<R> raw(Vec3<R> w) const { return table->lookup(w.z, row(w)); }
+
     Spectrum<R> operator()(Vec3<R> w, const FresnelTerm<R>& fresnel) const {
         if (!table) return fresnel(w.z);
-        const R row = alpha_x != alpha_y ? azimuth_row(alpha_x, alpha_y, w) : alpha_row;
-        const Spectrum<R> e = table->lookup(w.z, row);
-        return fresnel.is_linear() ? fresnel.combine(e) : e;
+        const Spectrum<R> e = raw(w);
+        const Spectrum<R> single = fresnel.is_linear() ? fresnel.combine(e) : e;
+        return white ? single + returned * (R(1) - white->lookup(w.z, row(w))[0]) : single;
     }
 
     Spectrum<R> average(const FresnelTerm<R>& fresnel) const {
         const Spectrum<R> e = table ? table->lookup_average(alpha_row) : smooth_average;
-        return fresnel.is_linear() ? fresnel.combine(e) : e;
+        const Spectrum<R> single = fresnel.is_linear() ? fresnel.combine(e) : e;
+        return table && white ? single + returned * (R(1) - white->lookup_average(alpha_row)[0])
+                              : single;
     }
 };
 
@@ -53,21 +64,30 @@ template <class R>
 struct CoatTables {
     const AlbedoTable<R>* table = nullptr;
     Spectrum<R> smooth_average;
+    const AlbedoTable<R>* white = nullptr;  ///< of F = 1, where multiple scattering is asked for
 
-    /// The view for parameters of one hit.
-    CoatAlbedo<R> view(const AlphaParams<R>& p) const {
-        const Vec2<R> a = p.alphas();
+    /// The view for the widths of one hit.
+    CoatAlbedo<R> view(Vec2<R> a, bool textured) const {
         const bool by_azimuth = a.x != a.y;
-        const R row = p.any_textured() ? kAlphaStretch<R>.forward(a.x) : R(0);
+        const R row = textured ? kAlphaStretch<R>.forward(a.x) : R(0);
         return {table, smooth_average, row, by_azimuth ? a.x : R(1), by_azimuth ? a.y : R(1)};
     }
+    /// The same for F = 1.
+    CoatAlbedo<R> white_view(const AlphaParams<R>& p) const {
+        CoatAlbedo<R> v = view(p);
+        v.table = white;
+        return v;
+    }
+    CoatAlbedo<R> view(const AlphaParams<R>& p) const { return view(p.alphas(), p.any_textured()); }
 };
 
 /// Unequal widths shape a table over azimuth, so they must be constant where a coat needs one.
 template <class R>
 ParamError check_coat_textures(const AlphaParams<R>& p) {
-    if (p.alpha_x.textured) return {"alpha_x", "alpha_x over a diffuse body takes no texture"};
-    if (p.alpha_y.textured) return {"alpha_y", "alpha_y over a diffuse body takes no texture"};
+    if (p.alpha_x.textured)
+        return {"alpha_x", "beside a diffuse body or multiscatter alpha_x takes no texture"};
+    if (p.alpha_y.textured)
+        return {"alpha_y", "beside a diffuse body or multiscatter alpha_y takes no texture"};
     return p.check_shape();
 }
 
@@ -77,46 +97,66 @@ Microfacet<double> double_surface(const AlphaParams<R>& p, double alpha_x, doubl
                                     Masking(p.masking.v));
 }
 
-/// The surfaces whose albedo a material needs: one; one per alpha where that is a texture; one per
+/// Makes the row of a lobe of two widths (alpha_x, alpha_y) seen from an azimuth [rad].
+using MakeAlbedoRow = std::function<AlbedoRow(double, double, double)>;
+
+/// The lobes whose albedo a material needs: one; one per alpha where that is a texture; one per
 /// azimuth where it is anisotropic.
-template <class R>
-std::vector<AlbedoRow> coat_rows(const AlphaParams<R>& p) {
+inline std::vector<AlbedoRow> coat_rows(Vec2<double> a, bool textured, const MakeAlbedoRow& make) {
     std::vector<AlbedoRow> rows;
-    const Vec2<R> a = p.alphas();
-    if (p.any_textured()) {
+    if (textured) {
         for (int i = 0; i < kAlphaRows; ++i) {
             const double alpha = kAlphaStretch<double>.backward(double(i) / (kAlphaRows - 1));
-            rows.push_back({double_surface(p, alpha, alpha)});
+            rows.push_back(make(alpha, alpha, 0.0));
         }
     } else if (a.x != a.y) {
-        const double low = double(std::min(a.x, a.y));
-        const double high = double(std::max(a.x, a.y));
+        const double low = std::min(a.x, a.y);
+        const double high = std::max(a.x, a.y);
         for (int i = 0; i < kAzimuthRows; ++i) {
             const double seen = low + (high - low) * i / (kAzimuthRows - 1);
             const double part = std::sqrt(((seen - low) * (seen + low)) /
                                           ((high - low) * (high + low)));  // sine from the low axis
             const double phi = std::asin(std::min(part, 1.0));
-            rows.push_back({double_surface(p, double(a.x), double(a.y)),
-                            a.x < a.y ? phi : kPi<double> / 2 - phi});
+            rows.push_back(make(a.x, a.y, a.x < a.y ? phi : kPi<double> / 2 - phi));
         }
     } else {
-        rows.push_back({double_surface(p, double(a.x), double(a.y))});
+        rows.push_back(make(a.x, a.y, 0.0));
     }
     return rows;
 }
 
 /// Anisotropic: one average for all rows, over azimuth too.
-template <class R>
-void average_over_azimuth(AlbedoTable<double>& table, const AlphaParams<R>& p) {
+inline void average_over_azimuth(AlbedoTable<double>& table, Vec2<double> a) {
     constexpr int kAngles = 256;
-    const double ax = double(p.alphas().x), ay = double(p.alphas().y);
     Spectrumd sum;
     for (int j = 0; j < kAngles; ++j) {
         const double phi = (j + 0.5) * kPi<double> / 2 / kAngles;
-        const double t = CoatAlbedo<double>::azimuth_row(ax, ay, {std::cos(phi), std::sin(phi), 0});
-        sum += table.lookup_average(t) * (1.0 / kAngles);
+        const Vec3d w{std::cos(phi), std::sin(phi), 0};
+        sum += table.lookup_average(CoatAlbedo<double>::azimuth_row(a.x, a.y, w)) * (1.0 / kAngles);
     }
     for (auto& average : table.average) average = sum;
+}
+
+/// Tables of a lobe whose widths are constant, or (textured) equal and not.
+template <class R>
+const AlbedoTable<R>* tabulate_lobe(Vec2<R> widths, bool textured, const MakeAlbedoRow& make,
+                                    TableStore<R>& store, double ceiling = 1.0) {
+    const Vec2<double> a{double(widths.x), double(widths.y)};
+    AlbedoTable<double> table = tabulate_albedo(coat_rows(a, textured, make), ceiling);
+    if (!textured && a.x != a.y) average_over_azimuth(table, a);
+    return store.add(table.template cast<R>());
+}
+
+/// The albedo of the surface with F = 1, or null where it is smooth.
+template <class R>
+const AlbedoTable<R>* tabulate_white(const AlphaParams<R>& p, TableStore<R>& store) {
+    const Vec2<R> a = p.alphas();
+    if (!p.any_textured() && is_delta_alpha(a.x, a.y)) return nullptr;
+    const MakeAlbedoRow row = [&](double alpha_x, double alpha_y, double azimuth) {
+        return surface_row(double_surface(p, alpha_x, alpha_y), azimuth,
+                           [](double) { return Spectrumd(1.0); });
+    };
+    return tabulate_lobe(a, p.any_textured(), row, store);
 }
 
 template <class R>
@@ -130,9 +170,10 @@ CoatTables<R> tabulate_coat(const AlphaParams<R>& p, const FresnelTerm<R>& fresn
     made.smooth_average = spectrum_cast<R>(cosine_average(reflectance));
     const Vec2<R> a = p.alphas();
     if (!p.any_textured() && is_delta_alpha(a.x, a.y)) return made;
-    AlbedoTable<double> table = tabulate_albedo(coat_rows(p), reflectance);
-    if (!p.any_textured() && a.x != a.y) average_over_azimuth(table, p);
-    made.table = store.add(table.template cast<R>());
+    const MakeAlbedoRow row = [&](double alpha_x, double alpha_y, double azimuth) {
+        return surface_row(double_surface(p, alpha_x, alpha_y), azimuth, reflectance);
+    };
+    made.table = tabulate_lobe(a, p.any_textured(), row, store);
     return made;
 }
 

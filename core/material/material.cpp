@@ -101,6 +101,8 @@ MaterialRecord make_record(const MaterialDescription& d, const TextureTable& tex
 MaterialTable::MaterialTable(const std::vector<MaterialDescription>& descriptions,
                              const TextureTable& textures)
     : textures_(&textures), tables_(std::make_unique<TableStore<float>>()) {
+    for (const auto& d : descriptions)
+        for (const Spectrumd& eta : interior_indices(d)) tables_->media.push_back(eta);
     records_.reserve(descriptions.size());
     for (const auto& d : descriptions) records_.push_back(make_record(d, textures, *tables_));
 }

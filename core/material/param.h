@@ -146,6 +146,17 @@ constexpr Param<P, R> measured_file(std::string_view name, Value<const TensorSet
     return p;
 }
 
+template <class P, class R>
+constexpr Param<P, R> flag(std::string_view name, Value<int> P::* member, std::string_view doc) {
+    Param<P, R> p;
+    p.info.name = name;
+    p.info.kind = ParamKind::kBool;
+    p.info.doc = doc;
+    p.info.constant_only = true;
+    p.choice = member;
+    return p;
+}
+
 /// A metal's name: resolved to `eta` and `k` before the core sees the material.
 template <class P, class R>
 constexpr Param<P, R> metal(std::string_view name, std::string_view doc) {
@@ -155,6 +166,15 @@ constexpr Param<P, R> metal(std::string_view name, std::string_view doc) {
     p.info.doc = doc;
     p.info.constant_only = true;
     return p;
+}
+
+/// The rows (or rules) of a, then those of b.
+template <class T, std::size_t A, std::size_t B>
+constexpr std::array<T, A + B> join(const std::array<T, A>& a, const std::array<T, B>& b) {
+    std::array<T, A + B> all{};
+    for (std::size_t i = 0; i < A; ++i) all[i] = a[i];
+    for (std::size_t i = 0; i < B; ++i) all[A + i] = b[i];
+    return all;
 }
 
 /// What a model's own check found wrong; an empty message means nothing.

@@ -295,7 +295,35 @@ ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription
     return recipe;
 }
 
+/// The value of `eta` where it is one; checked when the material is made.
+std::optional<Spectrumd> stated_index(const MaterialDescription& d, double initial) {
+    const auto it = d.params.find("eta");
+    if (it == d.params.end()) return Spectrumd(initial);
+    if (const auto* n = std::get_if<double>(&it->second)) return Spectrumd(*n);
+    const auto* rgb = std::get_if<std::array<double, 3>>(&it->second);
+    if (rgb == nullptr) return {};
+    return Spectrumd((*rgb)[0], (*rgb)[1], (*rgb)[2]);
+}
+
 }  // namespace
+
+std::vector<Spectrumd> interior_indices(const MaterialDescription& d) {
+    std::vector<Spectrumd> found;
+    for_each_model<float>([&]<class M>(std::type_identity<M>) {
+        if constexpr (InterfaceModel<M, float>) {
+            if (d.type != M::kName) return;
+            double initial = 1.0;
+            for (const auto& row : M::Params::table())
+                if (row.info.name == "eta") initial = row.info.default_value;
+            const auto eta = stated_index(d, initial);
+            if (eta && eta->min_value() > 0.0 && eta->is_finite()) found.push_back(*eta);
+        }
+    });
+    for (const auto& [name, value] : d.params)
+        if (const auto* nested = std::get_if<NestedDescription>(&value); nested && *nested)
+            for (const Spectrumd& eta : interior_indices(**nested)) found.push_back(eta);
+    return found;
+}
 
 template <class R>
 ModelRecipe<R> make_recipe(const MaterialDescription& description, const TextureTable& textures,

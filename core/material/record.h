@@ -78,6 +78,10 @@ struct ModelRecipe {
                    NestedModels<R>& nested) const;
 };
 
+/// Indices of refraction of the interiors that a description bounds, as far as it states them:
+/// known before anything is made, so that interfaces can prepare for each other.
+std::vector<Spectrumd> interior_indices(const MaterialDescription& description);
+
 /// Checks names, kinds, ranges and rules against the model's table. Throws SceneError with the JSON
 /// pointer of the bad value.
 template <class R>

@@ -3,33 +3,10 @@
 #include <cmath>
 #include <vector>
 
+#include "optics/quadrature.h"
+
 namespace matiere {
 namespace {
-
-struct GaussLegendre {
-    std::vector<double> x, w;  ///< nodes in (0, 1), weights sum to 1
-
-    explicit GaussLegendre(int n) {
-        for (int i = 0; i < n; ++i) {
-            double t = std::cos(kPi<double> * (i + 0.75) / (n + 0.5));
-            double slope = 1.0;
-            for (int step = 0; step < 50; ++step) {
-                double p0 = 1.0, p1 = t;
-                for (int k = 2; k <= n; ++k) {
-                    const double p2 = ((2.0 * k - 1.0) * t * p1 - (k - 1.0) * p0) / k;
-                    p0 = p1;
-                    p1 = p2;
-                }
-                slope = n * (t * p1 - p0) / (t * t - 1.0);
-                const double move = p1 / slope;
-                t -= move;
-                if (std::abs(move) < 1e-15) break;
-            }
-            x.push_back(0.5 * (1.0 - t));
-            w.push_back(1.0 / ((1.0 - t * t) * slope * slope));
-        }
-    }
-};
 
 /// How the facets are visited: in proportion to what a viewer sees of a GGX surface of the same
 /// widths (no other distribution has heavier tails) and would see reflected above the horizon; or,
@@ -101,20 +78,27 @@ Spectrumd cosine_average(const FacetReflectance& f) {
     return sum;
 }
 
-AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows,
-                                    const FacetReflectance& reflectance) {
+AlbedoRow surface_row(const Microfacet<double>& surface, double azimuth,
+                      const FacetReflectance& reflectance) {
+    const double width =
+        std::hypot(surface.alpha_x * std::cos(azimuth), surface.alpha_y * std::sin(azimuth));
+    return {width, azimuth, [=](Vec3d wo) { return directional_albedo(surface, wo, reflectance); }};
+}
+
+AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows, double ceiling) {
     AlbedoTable<double> table;
+    table.ceiling = ceiling;
     table.average.resize(rows.size());
     for (const AlbedoRow& row : rows) {
-        const double scale = AlbedoTable<double>::cosine_scale(row.width());
+        const double scale = AlbedoTable<double>::cosine_scale(row.width);
         table.stretch.push_back(Stretch<double>::make(scale));
         const int r = int(table.stretch.size()) - 1;
         for (int i = 0; i < AlbedoTable<double>::kNodes; ++i) {
             // Grazing itself is a limit: taken just above it.
             const double mu = std::max(table.node_cosine(r, i), 1e-9);
             const double s = std::sqrt((1.0 - mu) * (1.0 + mu));
-            const Vec3d wo{s * std::cos(row.azimuth), s * std::sin(row.azimuth), mu};
-            table.E.push_back(directional_albedo(row.surface, wo, reflectance));
+            table.E.push_back(
+                row.albedo({s * std::cos(row.azimuth), s * std::sin(row.azimuth), mu}));
         }
     }
     for (int r = 0; r < table.rows(); ++r) {

@@ -10,15 +10,12 @@
 
 namespace matiere {
 
-/// One row of a table: a surface, seen from an azimuth [rad] about its tangent.
+/// One row of a table: how wide the lobe is, from which azimuth [rad] about the tangent it is seen,
+/// and its directional albedo as a function of wo.
 struct AlbedoRow {
-    Microfacet<double> surface;
+    double width = 0.0;
     double azimuth = 0.0;
-
-    /// Width of the surface as seen from the azimuth.
-    double width() const {
-        return std::hypot(surface.alpha_x * std::cos(azimuth), surface.alpha_y * std::sin(azimuth));
-    }
+    std::function<Spectrumd(Vec3d)> albedo;
 };
 
 /// Reflectance of a facet as a function of the cosine with its normal; three lanes.
@@ -28,10 +25,13 @@ using FacetReflectance = std::function<Spectrumd(double)>;
 Spectrumd directional_albedo(const Microfacet<double>& surface, Vec3d wo,
                              const FacetReflectance& reflectance);
 
-/// A table with one row per surface; averages come from the interpolated table itself, so that
-/// couplings built on both conserve energy exactly.
-AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows,
-                                    const FacetReflectance& reflectance);
+/// The row of a microfacet surface seen from an azimuth.
+AlbedoRow surface_row(const Microfacet<double>& surface, double azimuth,
+                      const FacetReflectance& reflectance);
+
+/// A table with the given rows; averages come from the interpolated table itself, so that couplings
+/// built on both conserve energy exactly. `ceiling` is above 1 for lobes that gain energy.
+AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows, double ceiling = 1.0);
 
 /// 2 * integral of f(mu) mu dmu over [0, 1].
 Spectrumd cosine_average(const FacetReflectance& f);

@@ -24,6 +24,8 @@ struct Stretch {
     R forward(R x) const { return std::log(R(1) + x * inverse_scale) * inverse_log; }
     R backward(R t) const { return std::expm1(t / inverse_log) / inverse_scale; }
 
+    R slope(R x) const { return inverse_scale * inverse_log / (R(1) + x * inverse_scale); }
+
     template <class To>
     Stretch<To> cast() const {
         return {To(inverse_scale), To(inverse_log)};
@@ -40,6 +42,7 @@ struct AlbedoTable {
     std::vector<Spectrum<R>> E;        ///< [row][node]
     std::vector<Spectrum<R>> average;  ///< [row]: 2 * integral of E(mu) mu dmu
     std::vector<Stretch<R>> stretch;   ///< [row]: of the cosine
+    R ceiling{R(1)};                   ///< above 1 only for lobes that gain energy
 
     /// Scale of the cosine for a surface of width alpha.
     static R cosine_scale(R alpha) {
@@ -57,6 +60,7 @@ struct AlbedoTable {
         for (const auto& e : E) t.E.push_back(spectrum_cast<To>(e));
         for (const auto& a : average) t.average.push_back(spectrum_cast<To>(a));
         for (const auto& s : stretch) t.stretch.push_back(s.template cast<To>());
+        t.ceiling = To(ceiling);
         return t;
     }
 
@@ -95,7 +99,7 @@ struct AlbedoTable {
         const Spectrum<R> value = b + (c - a) * (R(0.5) * w) +
                                   (a * R(2) - b * R(5) + c * R(4) - d) * (R(0.5) * w2) +
                                   (b * R(3) - a - c * R(3) + d) * (R(0.5) * w3);
-        return value.map([](R v) { return std::clamp(v, R(0), R(1)); });
+        return value.map([this](R v) { return std::clamp(v, R(0), ceiling); });
     }
 };
 
@@ -103,6 +107,10 @@ struct AlbedoTable {
 template <class R>
 class TableStore {
  public:
+    /// Indices of refraction that an interface of this scene may meet on its outside: the vacuum,
+    /// and the interiors of its materials, per lane.
+    std::vector<Spectrumd> media{Spectrumd(1.0)};
+
     const AlbedoTable<R>* add(AlbedoTable<R> table) {
         return &tables_.emplace_back(std::move(table));
     }

@@ -161,7 +161,7 @@ struct Microfacet {
     R transmission_weight(Vec3<R> o, Vec3<R> i, Vec3<R> h) const {
         if (masking == Masking::kVCavity) {
             const R g = G1(o, h);
-            return std::max(R(0), g + G1(i, h) - R(1)) / g;
+            return g > R(0) ? std::max(R(0), g + G1(i, h) - R(1)) / g : R(0);
         }
         const R z = std::abs(i.z);
         if (masking == Masking::kSmithSeparable || z == R(0)) return z / sigma(i);

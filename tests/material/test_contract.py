@@ -149,7 +149,9 @@ def test_scattering_is_reciprocal(case: Case, precision: str) -> None:
 def test_the_furnace_never_gains(case: Case, precision: str) -> None:
     bsdf = case.bsdf(precision)
     for degrees, wo in viewers(case):
-        albedo = bsdf.albedo(wo, n=1 << 13)[0]
+        # What compensates losses has albedo 1 itself: its noise must be below the tolerance.
+        samples = 1 << (16 if case.params.get("multiscatter") else 13)
+        albedo = bsdf.albedo(wo, n=samples)[0]
         assert np.isfinite(albedo).all()
         assert (albedo <= 1 + 1e-3).all(), (case.id, degrees, albedo)
         assert (albedo >= 0).all(), (case.id, degrees, albedo)

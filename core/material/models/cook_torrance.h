@@ -9,6 +9,7 @@
 #pragma once
 
 #include "material/coated_diffuse.h"
+#include "material/compensated_lobe.h"
 #include "material/model.h"
 
 namespace matiere {
@@ -45,7 +46,8 @@ struct CookTorrance {
                     color("diffuse", &Params::diffuse, "Albedo of the body under the surface.")
                         .range(0, 1)
                         .initially(0)},
-                AlphaParams<R>::template rows<Params>());
+                join(AlphaParams<R>::template rows<Params>(),
+                     AlphaParams<R>::template multiscatter_row<Params>()));
         }
         static constexpr auto rules() {
             return join(std::array{exclusive("F0", "eta"), requires_param("F82_tint", "F0"),
@@ -61,17 +63,22 @@ struct CookTorrance {
         bool has_body() const { return diffuse.textured || !diffuse.v.is_black(); }
     };
 
-    CoatedDiffuse<R> layers;
+    CoatedDiffuse<R, CompensatedLobe<R>> layers;
 
     static ParamError check(const Params& p) {
-        return p.has_body() ? check_coat_textures(p) : p.check_shape();
+        return p.has_body() || p.multiscatter.v ? check_coat_textures(p) : p.check_shape();
     }
     static void tabulate(Params& p, TableStore<R>& store) {
         if (p.has_body()) p.tables = tabulate_coat(p, p.fresnel(), store);
+        if (p.multiscatter.v) p.tables.white = tabulate_white(p, store);
     }
     static CookTorrance prepare(const Params& p) {
-        const MicrofacetLobe<R> coat{p.microfacet(), p.fresnel()};
-        return {CoatedDiffuse<R>::make(coat, p.tables.view(p), p.diffuse.v, R(1))};
+        const auto coat =
+            CompensatedLobe<R>::make({p.microfacet(), p.fresnel()}, p.tables.white_view(p));
+        CoatAlbedo<R> albedo = p.tables.view(p);
+        albedo.white = p.tables.white;
+        albedo.returned = coat.share;
+        return {CoatedDiffuse<R, CompensatedLobe<R>>::make(coat, albedo, p.diffuse.v, R(1))};
     }
 
     bool is_anisotropic() const { return layers.coat.surface.is_anisotropic(); }

@@ -3,11 +3,12 @@
 // normals, reflection and transmission chosen per facet by F. Transmission carries 1 / eta^2, as
 // radiance does (camera paths).
 // Sources: Walter, Marschner, Li, Torrance 2007, eqs 16, 17, 21; Heitz 2014; Heitz et al. 2016
-// (transmission masking). Single scattering between facets: energy is lost at high alpha.
+// (transmission masking). Single scattering between facets, as in those papers, loses energy at
+// high alpha (22 to 53 % at alpha 1); multiscatter adds the rest (interface_loss.h).
 // The relative index comes with the hit: the media that really meet there, by priority.
 #pragma once
 
-#include "material/alpha_params.h"
+#include "material/interface_loss.h"
 #include "material/model.h"
 #include "optics/absorption.h"
 #include "optics/fresnel.h"
@@ -25,7 +26,8 @@ template <class R>
 struct Dielectric {
     static constexpr std::string_view kName = "dielectric";
     static constexpr std::string_view kDoc = "Clear medium with absorption: glass, water, ice.";
-    static constexpr std::string_view kSource = "Walter et al. 2007; Heitz 2014; Beer-Lambert";
+    static constexpr std::string_view kSource =
+        "Walter et al. 2007; Heitz 2014; Kulla & Conty 2017; Beer-Lambert";
     static constexpr std::uint32_t kFeatures = kFeatureReflection | kFeatureTransmission |
                                                kFeatureInterior | kFeatureDelta |
                                                kFeatureAnisotropic;
@@ -33,6 +35,7 @@ struct Dielectric {
     struct Params : AlphaParams<R> {
         Value<R> eta, at_distance;
         Value<Spectrum<R>> sigma_a, transmittance, attenuation_per_metre;
+        const InterfaceSides<R>* sides = nullptr;
 
         static constexpr auto table() {
             return join(
@@ -60,7 +63,8 @@ struct Dielectric {
                         .range(0, 1)
                         .unit("1/m")
                         .constant_only()},
-                AlphaParams<R>::template rows<Params>(0.0));
+                join(AlphaParams<R>::template rows<Params>(0.0),
+                     AlphaParams<R>::template multiscatter_row<Params>()));
         }
         static constexpr auto rules() {
             return join(std::array{exclusive("sigma_a", "transmittance", "attenuation_per_metre"),
@@ -79,16 +83,29 @@ struct Dielectric {
     Microfacet<R> surface;
     R eta{R(1.5)};  ///< relative: transmitted side over the side of wo
     Interior<R> inside;
+    const InterfaceSides<R>* sides = nullptr;  ///< null: single scattering only
+    CoatAlbedo<R> view;
+    InterfaceLoss<R> loss;
 
-    static ParamError check(const Params& p) { return p.check_shape(); }
+    static ParamError check(const Params& p) {
+        return p.multiscatter.v ? check_coat_textures(p) : p.check_shape();
+    }
+    static void tabulate(Params& p, TableStore<R>& store) {
+        const Vec2<R> a = p.alphas();
+        const bool rough = p.any_textured() || !is_delta_alpha(a.x, a.y);
+        if (p.multiscatter.v && rough) p.sides = tabulate_interface(p, Spectrum<R>(p.eta.v), store);
+    }
     static Dielectric prepare(const Params& p) {
-        return {p.microfacet(), p.eta.v, {p.eta.v, p.absorption()}};
+        const Dielectric d{p.microfacet(),          p.eta.v, {p.eta.v, p.absorption()}, p.sides,
+                           CoatTables<R>{}.view(p), {}};
+        return d.at_interface(p.eta.v);
     }
 
     const Interior<R>& interior() const { return inside; }
     Dielectric at_interface(R eta_rel) const {
         Dielectric d = *this;
         d.eta = eta_rel;
+        if (sides && !d.is_delta()) d.loss = InterfaceLoss<R>::make(*sides, view, eta_rel);
         return d;
     }
 
@@ -101,18 +118,20 @@ struct Dielectric {
 
     bool is_anisotropic() const { return surface.is_anisotropic(); }
     std::uint8_t lobes() const {
-        return std::uint8_t((is_delta() ? kSpecular : kGlossy) | kReflection | kTransmission);
+        const int facets = is_delta() ? kSpecular : loss.on() ? kGlossy | kDiffuse : kGlossy;
+        return std::uint8_t(facets | kReflection | kTransmission);
     }
 
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
         if (is_delta() || !(wo.z > R(0)) || wi.z == R(0)) return {};
-        return wi.z > R(0) ? eval_reflection(wo, wi) : eval_transmission(wo, wi);
+        const BsdfEval<R> facets = eval_facets(wo, wi);
+        return loss.on() ? mixed(facets, loss.lost(wo), wi) : facets;
     }
 
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
         if (is_delta()) return sample_smooth(wo, u.x);
-        const auto facet = surface.sample_visible(wo, u);
-        return sample_facet(wo, facet.h, facet.u);
+        if (loss.on()) return sample_mixed(wo, u);
+        return sample_facets(wo, u);
     }
 
  private:
@@ -126,6 +145,47 @@ struct Dielectric {
     double jacobian(double cos_o, double cos_t) const {
         const double g = double(eta) * cos_t;
         return cos_t * sqr(double(eta) * (cos_o + g) / e());
+    }
+
+    BsdfEval<R> eval_facets(Vec3<R> wo, Vec3<R> wi) const {
+        return wi.z > R(0) ? eval_reflection(wo, wi) : eval_transmission(wo, wi);
+    }
+    std::optional<BsdfSample<R>> sample_facets(Vec3<R> wo, Vec3<R> u) const {
+        const auto facet = surface.sample_visible(wo, u);
+        return sample_facet(wo, facet.h, facet.u);
+    }
+
+    /// Single and multiple scattering together, the latter chosen as often as wo loses light to it.
+    BsdfEval<R> mixed(BsdfEval<R> e, R lost_o, Vec3<R> wi) const {
+        const BsdfEval<R> more = loss.eval(lost_o, wi);
+        e.f += more.f;
+        e.pdf = (R(1) - lost_o) * e.pdf + lost_o * more.pdf;
+        return e;
+    }
+
+    std::optional<BsdfSample<R>> sample_mixed(Vec3<R> wo, Vec3<R> u) const {
+        const R lost_o = loss.lost(wo);
+        BsdfSample<R> s;
+        BsdfEval<R> e;
+        if (u.x < lost_o) {
+            u.x = std::min(u.x / lost_o, kOneMinusEpsilon<R>);
+            s.wi = loss.sample(u);
+            if (s.wi.z == R(0)) return {};
+            const bool crosses = s.wi.z < R(0);
+            s.lobe = std::uint8_t(kDiffuse | (crosses ? kTransmission : kReflection));
+            s.eta = crosses ? eta : R(1);
+            e = mixed(eval_facets(wo, s.wi), lost_o, s.wi);
+        } else {
+            u.x = std::min((u.x - lost_o) / (R(1) - lost_o), kOneMinusEpsilon<R>);
+            const auto facet = sample_facets(wo, u);
+            if (!facet) return {};
+            s = *facet;
+            e = mixed({s.weight * s.pdf, s.pdf}, lost_o, s.wi);
+        }
+        if (!(e.pdf > R(0))) return {};
+        s.weight = e.f * (R(1) / e.pdf);
+        s.pdf = e.pdf;
+        return s;
     }
 
     BsdfEval<R> eval_reflection(Vec3<R> wo, Vec3<R> wi) const {
