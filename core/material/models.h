@@ -15,6 +15,7 @@
 #include "material/models/null.h"
 #include "material/models/oren_nayar.h"
 #include "material/models/plastic.h"
+#include "material/models/thin_dielectric.h"
 
 namespace matiere {
 
@@ -34,6 +35,7 @@ using ModelList = TypeList<
     CookTorrance<R>,
     Dielectric<R>,
     Measured<R>,
+    ThinDielectric<R>,
     Mirror<R>,
     Mix<R>,
     NullModel<R>,
