@@ -9,6 +9,7 @@
 #include "optics/fresnel_term.h"
 #include "optics/microfacet.h"
 #include "param_value.h"
+#include "sampling/photon_guide.h"
 
 namespace py = pybind11;
 
@@ -17,6 +18,8 @@ namespace {
 
 template <class R>
 using Array = py::array_t<R, py::array::c_style | py::array::forcecast>;
+
+Vec3f vec3_at(const Array<float>& a, py::ssize_t i) { return {a.at(i, 0), a.at(i, 1), a.at(i, 2)}; }
 
 template <class R>
 py::tuple fresnel_dielectric_rows(const Array<R>& cos_theta, const Array<R>& eta) {
@@ -197,6 +200,50 @@ py::tuple albedo_table(double alpha, int distribution, int masking, const Array<
     return py::make_tuple(direct, looked_up, py::make_tuple(m[0], m[1], m[2]));
 }
 
+PhotonGuide make_guide(const Array<float>& landed, const Array<float>& from,
+                       const Array<float>& weight, double ordinary) {
+    std::vector<GuidePhoton> photons;
+    for (py::ssize_t i = 0; i < weight.size(); ++i)
+        photons.push_back({vec3_at(landed, i), vec3_at(from, i), *weight.data(i)});
+    return PhotonGuide(std::move(photons), ordinary);
+}
+
+const PhotonGuide::Region& region_at(const PhotonGuide& guide, const std::array<float, 3>& p) {
+    const auto* region = guide.find({p[0], p[1], p[2]});
+    if (region == nullptr) throw py::value_error("no photons landed there");
+    return *region;
+}
+
+void bind_guide(py::module_& m) {
+    using Point = std::array<float, 3>;
+    py::class_<PhotonGuide>(m, "PhotonGuide")
+        .def(py::init(&make_guide), py::arg("landed"), py::arg("origin"), py::arg("weight"),
+             py::arg("ordinary"))
+        .def("share",
+             [](const PhotonGuide& g, const Point& p) {
+                 const auto* region = g.find({p[0], p[1], p[2]});
+                 return region == nullptr ? 0.0F : region->share();
+             })
+        .def("sample",
+             [](const PhotonGuide& g, const Point& p, const Array<float>& u) {
+                 const PhotonGuide::Region& region = region_at(g, p);
+                 py::array_t<float> out({u.shape(0), py::ssize_t(3)});
+                 for (py::ssize_t i = 0; i < u.shape(0); ++i) {
+                     const Vec3f x = vec3_at(u, i);
+                     const Vec3f w = region.sample({p[0], p[1], p[2]}, x.x, {x.y, x.z});
+                     for (py::ssize_t k = 0; k < 3; ++k) out.mutable_at(i, k) = w[std::size_t(k)];
+                 }
+                 return out;
+             })
+        .def("pdf", [](const PhotonGuide& g, const Point& p, const Array<float>& w) {
+            const PhotonGuide::Region& region = region_at(g, p);
+            py::array_t<float> out(w.shape(0));
+            for (py::ssize_t i = 0; i < w.shape(0); ++i)
+                out.mutable_at(i) = region.pdf({p[0], p[1], p[2]}, vec3_at(w, i));
+            return out;
+        });
+}
+
 }  // namespace
 
 void bind_probe_optics(py::module_& parent) {
@@ -216,6 +263,7 @@ void bind_probe_optics(py::module_& parent) {
         .def("sample", &world_sample, py::arg("material"), py::arg("point"), py::arg("wo"),
              py::arg("u"), py::arg("eta_rel") = 1.0F);
     m.def("albedo_table", &albedo_table);
+    bind_guide(m);
 }
 
 }  // namespace matiere

@@ -170,11 +170,12 @@ std::string settings_repr(const Settings& s) {
 void bind_settings(py::module_& m) {
     py::class_<Settings>(m, "Settings", "What decides the value of a sample, beside the scene.")
         .def(py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
-                         bool transparent_background) {
-                 return Settings{seed, max_depth, parse_strategy(strategy), transparent_background};
+                         bool transparent_background, bool guide_caustics) {
+                 return Settings{seed, max_depth, parse_strategy(strategy), transparent_background,
+                                 guide_caustics};
              }),
              py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
-             py::arg("transparent_background") = false)
+             py::arg("transparent_background") = false, py::arg("guide_caustics") = true)
         .def_readonly("seed", &Settings::seed)
         .def_readonly("max_depth", &Settings::max_depth)
         .def_readonly("transparent_background", &Settings::transparent_background)

@@ -173,6 +173,8 @@ py::dict stats_dict(const Scene& scene) {
     d["materials"] = s.materials;
     d["bytes"] = s.bytes;
     d["build_s"] = s.build_s;
+    d["caustic_photons"] = s.caustic_photons;
+    d["caustic_s"] = s.caustic_s;
     return d;
 }
 

@@ -119,6 +119,7 @@ class Settings:
         max_depth: int = ...,
         strategy: str = ...,
         transparent_background: bool = ...,
+        guide_caustics: bool = ...,
     ) -> None: ...
     @property
     def seed(self) -> int: ...

@@ -1,8 +1,10 @@
 #include "integrator/integrator.h"
 
+#include "integrator/guided_bsdf.h"
 #include "integrator/visibility.h"
 #include "sampling/mis.h"
 #include "sampling/sampler.h"
+#include "scene/caustics.h"
 #include "scene/scene.h"
 
 namespace matiere {
@@ -103,10 +105,11 @@ class Walk {
         }
         const Vec3f wo = -ray_.direction;
         const Bsdf bsdf(scene_.materials(), s.material, s.point, wo, eta_rel);
-        if (!last && !scene_.lights().empty() && !bsdf.is_delta()) direct(s, bsdf, wo);
+        const GuidedBsdf guided_bsdf(bsdf, hidden_light(s, bsdf), s.point.p);
+        if (!last && !scene_.lights().empty() && !bsdf.is_delta()) direct(s, guided_bsdf, wo);
 
         const SampleBlock u = sampler_.block(std::uint32_t(depth_ + passed_), Purpose::kBsdf);
-        const auto sample = bsdf.sample(wo, u.uniform3(0), counters_);
+        const auto sample = guided_bsdf.sample(wo, u.uniform3(0), counters_);
         if (!sample) return false;
         if ((sample->lobe & kNull) != 0) return pass(s);
         if (last) return false;
@@ -134,7 +137,12 @@ class Walk {
         return true;
     }
 
-    void direct(const SurfaceHit& s, const Bsdf& bsdf, Vec3f wo) {
+    const PhotonGuide::Region* hidden_light(const SurfaceHit& s, const Bsdf& bsdf) const {
+        const PhotonGuide* caustics = settings_.guide_caustics ? scene_.caustics() : nullptr;
+        return caustics != nullptr && guided(bsdf.lobes()) ? caustics->find(s.point.p) : nullptr;
+    }
+
+    void direct(const SurfaceHit& s, const GuidedBsdf& bsdf, Vec3f wo) {
         const auto light = scene_.lights().sample(
             s.point.p, sampler_.block(std::uint32_t(depth_ + passed_), Purpose::kLight));
         if (!light || (settings_.strategy == Strategy::kBsdfOnly && !light->delta)) return;

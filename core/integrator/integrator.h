@@ -18,6 +18,7 @@ struct PathSettings {
     int max_depth = -1;  ///< scattering events; 0 = emission seen directly, -1 = roulette only
     Strategy strategy = Strategy::kMis;
     bool transparent_background = false;
+    bool guide_caustics = true;  ///< where the scene has hidden light; the tests compare both
 };
 
 struct PathResult {

@@ -5,6 +5,7 @@
 #include <cmath>
 
 #include "base/error.h"
+#include "scene/caustics.h"
 
 namespace matiere {
 
@@ -81,7 +82,13 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     if (!spheres_.empty()) accel_.add_spheres(spheres_);
     accel_.commit(cancel);
     if (interiors > 0) find_camera_interior();
+    const auto built = std::chrono::steady_clock::now();
+    caustics_ = trace_caustics(*this, threads);
 
+    stats_.caustic_photons = caustics_.photons();
+    stats_.caustic_s =
+        std::chrono::duration<double>(std::chrono::steady_clock::now() - built).count();
+    stats_.bytes += caustics_.bytes();
     for (const auto& mesh : meshes_) {
         stats_.triangles += mesh->triangle_count();
         stats_.bytes += 4 * (mesh->positions.size() + mesh->indices.size() + mesh->normals.size() +

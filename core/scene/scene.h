@@ -10,6 +10,7 @@
 #include "camera/camera.h"
 #include "light/light.h"
 #include "material/material.h"
+#include "sampling/photon_guide.h"
 #include "scene/description.h"
 #include "scene/interior.h"
 #include "shape/mesh.h"
@@ -28,8 +29,9 @@ struct SurfaceHit {
 
 struct SceneStats {
     std::uint64_t triangles = 0, spheres = 0, lights = 0, materials = 0;
-    std::uint64_t bytes = 0;  ///< our own buffers, without Embree's hierarchy
-    double build_s = 0;
+    std::uint64_t bytes = 0;            ///< our own buffers, without Embree's hierarchy
+    std::uint64_t caustic_photons = 0;  ///< what the guide to hidden light rests on; 0: not needed
+    double build_s = 0, caustic_s = 0;
 };
 
 /// A point just outside the rounding error of `p`, on the side of the surface that `w` leaves to
@@ -56,6 +58,10 @@ class Scene {
     /// Whether shadow rays must look at what they meet: media can overlap, so that interfaces lie
     /// hidden, or surfaces let light straight through.
     bool shadows_walk() const { return shadows_walk_; }
+    const std::vector<std::unique_ptr<Mesh>>& meshes() const { return meshes_; }
+    const std::vector<Sphere>& spheres() const { return spheres_; }
+    /// Where light arrives by way of mirrors and lenses; null where no such light is hard to find.
+    const PhotonGuide* caustics() const { return caustics_.empty() ? nullptr : &caustics_; }
     const SceneStats& stats() const { return stats_; }
 
  private:
@@ -77,6 +83,7 @@ class Scene {
     std::unique_ptr<LightSet> lights_;
     EmbreeScene accel_;
     InteriorStack camera_interior_;
+    PhotonGuide caustics_;
     bool shadows_walk_ = false;
     SceneStats stats_;
 };
