@@ -14,7 +14,7 @@ namespace {
 
 constexpr std::size_t kLeafPhotons = 12;
 /// Share of guided directions where hard light is a trifle, and where it is everything.
-constexpr float kLeastShare = 0.15F, kMostShare = 0.6F;
+constexpr float kLeastShare = 0.08F, kMostShare = 0.6F;
 /// Fewer photons than this say nothing about the width of their lobes.
 constexpr std::size_t kFewPhotons = 3;
 /// Narrowest and widest lobe, as 1 - cos of its half width.
@@ -154,7 +154,8 @@ void PhotonGuide::add_region(const std::vector<GuidePhoton>& photons, std::size_
     std::sort(e.begin(), e.end());
     const float area = std::max(e[2] * e[1], e[2] * e[2] * 0.01F);
     const double hard = total / std::max(double(area), 1e-30);
-    region.share_ = kLeastShare + (kMostShare - kLeastShare) * float(hard / (hard + ordinary_));
+    region.share_ =
+        kLeastShare + (kMostShare - kLeastShare) * float(hard / (hard + 0.5 * ordinary_));
     region.count_ = end - begin < kFewPhotons ? 0 : std::uint32_t(end - begin);
     region.lobes_ = lobes_.data() + lobes_.size();
     double sum = 0;

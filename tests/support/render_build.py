@@ -33,10 +33,11 @@ def render(
     width: int = 4,
     height: int = 4,
     replicates: int = 4,
+    guide_caustics: bool = True,
 ) -> tuple[np.ndarray, dict[str, Any]]:
     """Return the mean image (H, W, 3) and the report of the loop."""
     film = _core.Film(width, height, replicates)
-    settings = _core.Settings(seed, max_depth, strategy)
+    settings = _core.Settings(seed, max_depth, strategy, guide_caustics=guide_caustics)
     report = _core.render(scene, settings, film, {"spp": spp}, threads)
     return np.asarray(film.sums).sum(0)[..., :3] / film.spp, report
 
