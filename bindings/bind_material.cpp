@@ -66,6 +66,7 @@ py::dict features(std::uint32_t bits) {
     d["interior"] = (bits & kFeatureInterior) != 0;
     d["anisotropic"] = (bits & kFeatureAnisotropic) != 0;
     d["delta"] = (bits & kFeatureDelta) != 0;
+    d["reciprocal"] = (bits & kFeatureNotReciprocal) == 0;
     return d;
 }
 

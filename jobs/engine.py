@@ -380,16 +380,23 @@ class Engine:
         ]
 
     def check_material(
-        self, material: Mapping[str, Any], *, seed: int = 1, plots: bool = False
+        self,
+        material: Mapping[str, Any],
+        *,
+        seed: int = 1,
+        plots: bool = False,
+        assets: Mapping[str, str] | None = None,
     ) -> JsonDict:
         """Return the stability report of a material (`mt.check(...).as_dict()`), made in a child.
 
-        With `plots` it also holds the plots as SVG. Pointers in errors are relative to the
-        material. Raises `SceneValidationError`, `Busy` (one check at a time, 5 seconds) and
-        `Draining`.
+        With `plots` it also holds the plots as SVG. `assets` pins the files that the material
+        names; others are looked up in the asset folder. Pointers in errors are relative to the
+        material. Raises `SceneValidationError`, `AssetMissing`, `Busy` (one check at a time, 5
+        seconds) and `Draining`.
         """
         self._accepting()
         request = {"material": dict(material), "seed": seed, "plots": plots}
+        request["root"] = str(self._data.view(assets or {}))
         answer = self._scheduler.check_material(request)
         if not answer["faults"]:
             report: JsonDict = answer["report"]

@@ -16,7 +16,8 @@ def check(work: Any, request: JsonDict) -> JsonDict:
 
 def check_material(work: Any, request: JsonDict) -> JsonDict:
     """Make the stability report of a material: `{"report": ...}`."""
-    return {"report": work.check_material(request["material"], request["seed"], request["plots"])}
+    asked = (request["material"], request["seed"], request["plots"], request["root"])
+    return {"report": work.check_material(*asked)}
 
 
 def make_images(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:

@@ -99,11 +99,16 @@ def check_files(scene: Mapping[str, Any], assets: Mapping[str, Any]) -> None:
     load(scene, asset_root=assets["root"], pins=assets["pins"]).flatten()
 
 
-def check_material(material: Mapping[str, Any], seed: int, plots: bool) -> dict[str, Any]:
-    """Return the stability report (in the utility child), with its plots as SVG if asked for."""
+def check_material(
+    material: Mapping[str, Any], seed: int, plots: bool, root: str
+) -> dict[str, Any]:
+    """Return the stability report (in the utility child), with its plots as SVG if asked for.
+
+    `root` is the folder of the files that the material names.
+    """
     from matiere.stability import check
 
-    report = check(material, seed=seed)
+    report = check(material, seed=seed, asset_root=root)
     return report.as_dict() | ({"plots": report.plots()} if plots else {})
 
 

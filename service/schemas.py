@@ -68,19 +68,11 @@ def _asset_name(name: str) -> str:
 AssetName = Annotated[str, AfterValidator(_asset_name)]
 
 
-class _Submission(_Request):
+class _WithAssets(_Request):
     assets: dict[AssetName, Digest] = Field(
         default_factory=dict,
         description="file name in the scene -> SHA-256 of its bytes, as uploaded with"
         " PUT /v1/assets/{sha256}; other names are looked up below the server's asset folder",
-    )
-    stop: Stop | None = Field(None, description="overrides the scene's `render` section")
-    priority: int = Field(
-        DEFAULT_PRIORITY, ge=MIN_PRIORITY, le=MAX_PRIORITY, description="higher runs first"
-    )
-    label: Label = ""
-    cache: Literal["use"] = Field(
-        "use", description="an equal film rendered before is continued, never rendered again"
     )
 
     @field_validator("assets")
@@ -101,6 +93,17 @@ class _Submission(_Request):
     def pins(self) -> dict[str, str]:
         """Return file name -> bare lower-case hex digest."""
         return {name: value.removeprefix("sha256:") for name, value in self.assets.items()}
+
+
+class _Submission(_WithAssets):
+    stop: Stop | None = Field(None, description="overrides the scene's `render` section")
+    priority: int = Field(
+        DEFAULT_PRIORITY, ge=MIN_PRIORITY, le=MAX_PRIORITY, description="higher runs first"
+    )
+    label: Label = ""
+    cache: Literal["use"] = Field(
+        "use", description="an equal film rendered before is continued, never rendered again"
+    )
 
     def stop_rule(self) -> dict[str, Any] | None:
         """Return the stop rule as the queue takes it."""
@@ -291,7 +294,7 @@ class SweepPage(BaseModel):
     next_cursor: str | None
 
 
-class CheckSubmission(_Request):
+class CheckSubmission(_WithAssets):
     """A material to test, given as in a scene, without textures."""
 
     material: dict[str, Any] = Field(description="type and parameters, as in a scene's `materials`")

@@ -108,6 +108,16 @@ class Bsdf:
         return dict(self._material.ROW["features"])
 
     @property
+    def stochastic(self) -> bool:
+        """Whether `eval` is an unbiased estimate (then `pdf` is a stand-in for weighting only)."""
+        return bool(getattr(self._core, "stochastic", False))
+
+    @property
+    def reciprocal(self) -> bool:
+        """Whether f(o, i) = f(i, o) is promised, by the model and by those nested in it."""
+        return _reciprocal(self._material)
+
+    @property
     def precision(self) -> str:
         """What the formulas were evaluated in: "float" or "double"."""
         return "float" if self._real is np.float32 else "double"
@@ -184,6 +194,11 @@ def bsdf(
     if precision not in ("float", "double"):
         raise ValueError(f"precision must be 'float' or 'double', got {precision!r}")
     return Bsdf(validated(description), precision, asset_root)
+
+
+def _reciprocal(material: MaterialModel) -> bool:
+    inner = [v for v in material.params().values() if hasattr(v, "ROW")]
+    return bool(material.ROW["features"]["reciprocal"]) and all(map(_reciprocal, inner))
 
 
 def _measured(material: MaterialModel, asset_root: str | PathLike[str]) -> dict[str, Any]:

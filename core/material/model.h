@@ -17,11 +17,12 @@ namespace matiere {
 enum ModelFeature : std::uint32_t {
     kFeatureReflection = 1,
     kFeatureTransmission = 2,
-    kFeatureInterior = 4,     ///< bounds a medium: takes part in the interior stack
-    kFeatureAnisotropic = 8,  ///< reads the shading tangent
-    kFeatureDelta = 16,       ///< may own a delta lobe
-    kFeatureTextured = 32,    ///< set by the material record, never by a model
-    kFeatureEmission = 64,    ///< set by the material record, never by a model
+    kFeatureInterior = 4,         ///< bounds a medium: takes part in the interior stack
+    kFeatureAnisotropic = 8,      ///< reads the shading tangent
+    kFeatureDelta = 16,           ///< may own a delta lobe
+    kFeatureTextured = 32,        ///< set by the material record, never by a model
+    kFeatureEmission = 64,        ///< set by the material record, never by a model
+    kFeatureNotReciprocal = 128,  ///< f(o, i) = f(i, o) is not promised: measured data
 };
 
 template <class M, class R>

@@ -41,7 +41,8 @@ def check(
     with worded(Path("the material" if inline else material)):
         description, prefix = find_material(material, name)
         with mt.errors.pointed(prefix):
-            report = mt.check(description, seed=seed)
+            root = "." if inline else Path(material).parent
+            report = mt.check(description, seed=seed, asset_root=root)
     files = report.save_plots(plot) if plot is not None else []
     if as_json:
         typer.echo(json.dumps(report.as_dict(), indent=1))

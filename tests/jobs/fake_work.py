@@ -108,7 +108,7 @@ def check_files(scene: JsonDict, assets: JsonDict) -> None:
         time.sleep(1e6)
 
 
-def check_material(material: JsonDict, seed: int, plots: bool) -> JsonDict:
+def check_material(material: JsonDict, seed: int, plots: bool, root: str) -> JsonDict:
     if material.get("type") == "slow":
         time.sleep(material["seconds"])
     if material.get("type") == "crash":

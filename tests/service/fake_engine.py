@@ -279,7 +279,12 @@ class FakeEngine(Engine):
         return [digest for digest in digests if digest not in self.assets]
 
     def check_material(
-        self, material: Mapping[str, Any], *, seed: int = 1, plots: bool = False
+        self,
+        material: Mapping[str, Any],
+        *,
+        seed: int = 1,
+        plots: bool = False,
+        assets: Mapping[str, str] | None = None,
     ) -> dict[str, Any]:
         """Answer as told by the material's type."""
         if material.get("type") == "busy":

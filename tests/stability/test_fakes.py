@@ -6,6 +6,7 @@ import fake_bsdf as fake
 import pytest
 from scipy.stats import chi2, kstest
 
+from matiere.stability.estimates import look_at_estimate
 from matiere.stability.measures import direction
 from matiere.stability.report import Promises, Report, check_bsdf
 from matiere.stability.statistics import chi_square_tail
@@ -93,3 +94,25 @@ def test_the_p_values_of_a_right_material_are_even() -> None:
 def test_the_tail_of_chi_square_is_scipys(degrees: int) -> None:
     for x in (0.1, 1.0, degrees, 2.0 * degrees + 3, 5.0 * degrees + 50):
         assert chi_square_tail(x, degrees) == pytest.approx(chi2.sf(x, degrees), rel=1e-9)
+
+
+def test_estimates_are_held_to_their_expectations() -> None:
+    found = report(fake.Estimate())
+    assert found.verdict == "pass", str(found)
+    names = [f.name for f in found.findings]
+    assert "expectation" in names and not {"chi_square", "weight", "pdf_integral"} & set(names)
+    assert found.views[0]["weight_gap"] is None
+
+
+def test_a_biased_estimate_is_caught() -> None:
+    assert verdicts(report(fake.BiasedEstimate())) == {"expectation": "fail"}
+
+
+def test_an_estimate_that_gains_is_caught() -> None:
+    assert verdicts(report(fake.EstimateThatGains())) == {"energy": "fail"}
+
+
+def test_the_p_values_of_a_right_estimate_are_even() -> None:
+    effort = Effort(samples=8000)
+    p = [look_at_estimate(fake.Estimate(), direction(60), k, effort).p_value for k in range(60)]
+    assert kstest(p, "uniform").pvalue > 1e-3, sorted(p)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -137,3 +138,24 @@ def check_area(part: Region, wi: np.ndarray) -> None:
     measured = np.linalg.norm(np.cross(dx, dy), axis=1)
     inside = area > 1e-12
     assert np.median(np.abs(measured[inside] / area[inside] - 1)) < 1e-4
+
+
+def test_measured_files_are_found_and_not_held_to_reciprocity() -> None:
+    folder = Path(__file__).resolve().parents[3] / "shared" / "assets" / "measured" / "rgl"
+    file = next(iter(sorted(folder.glob("*.bsdf"))), None)
+    if file is None:
+        pytest.skip("no measured files in ../shared/assets")
+    report = mt.check({"type": "measured", "file": file.name}, asset_root=folder)
+    finding = next(f for f in report.findings if f.name == "reciprocity")
+    assert finding.verdict == "pass" and finding.limit is None
+    assert set(report.plots()) == {"albedo", "polar"}
+    with pytest.raises(mt.SceneValidationError):
+        mt.check({"type": "measured", "file": file.name})
+
+
+def test_a_mix_is_seen_from_both_sides_and_its_parts_limits_are_told() -> None:
+    parts = {"a": {"type": "dielectric", "alpha": 0.0}, "b": {"type": "lambert", "albedo": 0.8}}
+    report = mt.check({"type": "mix", **parts, "weight": 0.5})
+    assert report.verdict == "pass", str(report)
+    assert {row["side"] for row in report.views} == {1.0, -1.0}
+    assert [row["pointer"] for row in report.limits] == ["/a/alpha"]

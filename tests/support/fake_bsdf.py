@@ -153,3 +153,40 @@ class LosesInFloat(Fake):
 
     def value(self, wo: Floats, wi: Floats) -> Floats:
         return np.where(wo[:, 2] < 0.5, 0.4, 0.5) / np.pi
+
+
+class Estimate(Fake):
+    """A right material whose eval is a noisy estimate, and whose pdf is a stand-in."""
+
+    stochastic = True
+
+    def noise(self, wo: Floats, wi: Floats) -> Floats:
+        """Return numbers of mean 1 that directions decide."""
+        key = np.modf(np.abs(np.sin(wi @ [127.1, 311.7, 74.7] + wo @ [9.1, 3.3, 5.7]) * 43758.5))[0]
+        return 2 * key
+
+    def value(self, wo: Floats, wi: Floats) -> Floats:
+        return 0.5 / np.pi * self.noise(wo, wi)
+
+    def density(self, wo: Floats, wi: Floats) -> Floats:
+        return np.full(len(wi), 0.5 / np.pi)
+
+    def weight(self, wo: Floats, wi: Floats) -> Floats:
+        return 0.5 * self.noise(wi, wo)
+
+
+class BiasedEstimate(Estimate):
+    """Samples what eval has, but a quarter more to one side."""
+
+    def weight(self, wo: Floats, wi: Floats) -> Floats:
+        return 0.5 * self.noise(wi, wo) * (1 + 0.25 * np.sign(wi[:, 0]))
+
+
+class EstimateThatGains(Estimate):
+    """Has a mean albedo of 1.05."""
+
+    def value(self, wo: Floats, wi: Floats) -> Floats:
+        return 1.05 / np.pi * self.noise(wo, wi)
+
+    def weight(self, wo: Floats, wi: Floats) -> Floats:
+        return 1.05 * self.noise(wi, wo)

@@ -17,6 +17,8 @@ from matiere.stability.charts import Chart, Floats
 LONGEST_SIDE = 2.0  # of a first rectangle: charts stretch every scale to about 1
 ORDER = 5
 MAX_LEVELS = 30
+MESH_TOLERANCE, MESH_BUDGET = 3e-5, 60_000
+FEWEST = 4  # random points in a rectangle
 FEW = 256  # points that decide which way a cell is cut
 
 Value = Callable[[Floats], Floats]
@@ -39,6 +41,15 @@ class _Cut:
 
 
 @dataclass(frozen=True)
+class Mesh:
+    """Rectangles (x0, x1, y0, y1), the cell of each, and its share of the first column."""
+
+    boxes: Floats
+    owner: NDArray[np.intp]
+    mass: Floats
+
+
+@dataclass(frozen=True)
 class Integral:
     """Values integrated over each cell, (cells, K), and how uncertain the first column is.
 
@@ -49,7 +60,7 @@ class Integral:
     cells: Floats
     uncertain: Floats
     doubt: float
-    evaluations: int
+    mesh: Mesh
 
 
 class Cells:
@@ -102,7 +113,7 @@ class Cells:
         coarse = self._quadrature(boxes, value)
         total = np.zeros((len(self), coarse.shape[1]))
         open_ = np.zeros(len(self))
-        doubt = 0.0
+        doubt, settled = 0.0, []
         spent = len(boxes) * ORDER**2
         for _ in range(MAX_LEVELS):
             children = _quarters(boxes)
@@ -116,13 +127,41 @@ class Cells:
                 bad[:] = False
             doubt += float(change[~bad, 0].sum())
             np.add.at(total, owner[~bad], sums[~bad])
+            settled.append(Mesh(boxes[~bad], owner[~bad], sums[~bad, 0]))
             if not bad.any():
                 break
             again = np.tile(bad, 4)
             boxes, coarse, owner = children[again], fine[again], np.tile(owner, 4)[again]
         else:
             np.add.at(total, owner, coarse)
-        return Integral(total, open_, doubt, spent)
+            settled.append(Mesh(boxes, owner, coarse[:, 0]))
+        mesh = Mesh(*(np.concatenate(part) for part in zip(*map(_parts, settled), strict=True)))
+        return Integral(total, open_, doubt, mesh)
+
+    def estimate(self, guide: Value, value: Value, points: int, seed: int) -> tuple[Floats, Floats]:
+        """Return estimates of the integral of `value(directions) -> (N,)`, and their variances.
+
+        For values that are estimates themselves: they are taken at random directions, about
+        `points` in all, in rectangles over which `guide`, a smooth stand-in, is smooth.
+        """
+        mesh = self.integrate(guide, MESH_TOLERANCE, MESH_BUDGET).mesh
+        boxes, owner = mesh.boxes, mesh.owner
+        share = mesh.mass / max(float(mesh.mass.sum()), 1e-300)
+        counts = np.maximum(FEWEST, np.round(points * share)).astype(int)
+        which = np.repeat(np.arange(len(boxes)), counts)
+        low, size = boxes[:, 0::2], boxes[:, 1::2] - boxes[:, 0::2]
+        xy = low[which] + size[which] * np.random.default_rng(seed).random((len(which), 2))
+        wi, jacobian = self.chart.direction(xy)
+        there = jacobian > 0
+        values = np.zeros(len(wi))
+        values[there] = value(wi[there]) * jacobian[there]
+        mean = np.bincount(which, values) / counts
+        spread = np.bincount(which, (values - mean[which]) ** 2) / (counts - 1) / counts
+        area = size.prod(axis=1)
+        means, variances = np.zeros(len(self)), np.zeros(len(self))
+        np.add.at(means, owner, mean * area)
+        np.add.at(variances, owner, spread * area**2)
+        return means, variances
 
     def _pieces(self) -> tuple[Floats, NDArray[np.intp]]:
         """Cells cut into rectangles whose sides are short enough to see every peak."""
@@ -162,6 +201,10 @@ def _descend(
     under = points[which, node.axis] < node.at
     _descend(node.below, points, which[under], found)
     _descend(node.above, points, which[~under], found)
+
+
+def _parts(mesh: Mesh) -> tuple[Floats, NDArray[np.intp], Floats]:
+    return mesh.boxes, mesh.owner, mesh.mass
 
 
 def _quarters(boxes: Floats) -> Floats:

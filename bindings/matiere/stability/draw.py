@@ -33,7 +33,8 @@ def draw_plots(report: Report) -> dict[str, Canvas]:
     from matiere.probe import bsdf
 
     plots = {"albedo": albedo_plot(report)} if report.furnace else {}
-    return {**plots, "polar": polar_plot(bsdf(report.material, precision="double"), report)}
+    double = bsdf(report.material, precision="double", asset_root=report.asset_root)
+    return {**plots, "polar": polar_plot(double, report)}
 
 
 def save_plots(report: Report, folder: Path) -> list[Path]:

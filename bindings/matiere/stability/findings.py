@@ -20,6 +20,7 @@ FLOAT_GAP = 1e-3
 FLOAT_LOSS = 1e-2  # of the energy, by sampling in float
 LARGE_WEIGHT = 10.0
 UNCERTAIN = 5e-3
+ESTIMATE_LEVEL = 1e-5  # of estimates, whose noise has heavier tails than a normal law
 LEVEL = 0.01  # of all chi-square tests of a report together
 
 
@@ -138,6 +139,17 @@ def sampling(looks: Sequence[Look]) -> Finding:
         return _finding("eval_against_sampling", FAIL, value, EVAL_GAP, text, worst.viewer)
     text = f"eval and sampling scatter the same energy within {value:.1g}"
     return _finding("eval_against_sampling", PASS, value, EVAL_GAP, text, worst.viewer)
+
+
+def expectation(looks: Sequence[Look]) -> Finding:
+    """Judge whether eval, an estimate, and sampling agree in the mean in every cell."""
+    level = sidak(ESTIMATE_LEVEL, len(looks))
+    worst = min(looks, key=lambda look: max(look.view.p_value, look.confirmed_p))
+    p = max(worst.view.p_value, worst.confirmed_p)
+    text = f"in the mean eval and sampling agree cell by cell (smallest p of {len(looks)} {p:.2g})"
+    if p < level:
+        text = f"the means of eval and sampling differ {where(worst.viewer)} (p = {p:.1g})"
+    return _finding("expectation", FAIL if p < level else PASS, p, level, text, worst.viewer)
 
 
 def weights(looks: Sequence[Look]) -> Finding:

@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from matiere.stability.charts import Floats, Mask
+from matiere.stability.estimates import is_estimate
 from matiere.stability.views import Draw, Scatterer
 
 AZIMUTH = 0.4  # of all viewers: along no axis of an anisotropic material [rad]
@@ -41,7 +42,15 @@ def reciprocity(bsdf: Scatterer, wo: Floats, draw: Draw) -> float:
     # Over the density of the samples: an integral over the sphere, not a mean over the peak.
     share = np.abs(wi[:, 2:]) / np.maximum(draw.pdf[which, None], 1e-300)
     whole = float(np.mean(np.maximum(f_oi, f_io) * share))
+    if is_estimate(bsdf):
+        return _beyond_noise(((f_oi - f_io) * share).mean(axis=1)) / max(whole, 1e-300)
     return float(np.mean(np.abs(f_oi - f_io) * share)) / whole if whole > 0 else 0.0
+
+
+def _beyond_noise(differences: Floats) -> float:
+    """Return how far a mean is from zero beyond four of its standard errors."""
+    error = float(differences.std()) / math.sqrt(max(1, len(differences)))
+    return max(0.0, abs(float(differences.mean())) - 4 * error)
 
 
 @dataclass(frozen=True)
@@ -104,15 +113,20 @@ def float_gap(single: Scatterer, double: Scatterer, wo: Floats, draw: Draw) -> F
     share = 1 / np.maximum(draw.pdf[which], 1e-300)[:, None]
     a = np.asarray(single.eval(rounded, wi), dtype=float) * share
     b = np.asarray(double.eval(rounded, wi), dtype=float) * share
-    eval_gap = float(np.mean(np.abs(a - b))) / max(float(np.mean(b)), 1e-30) if len(wi) else 0.0
+    estimate = is_estimate(double)
+    eval_gap = 0.0
+    if len(wi):
+        gap = _beyond_noise((a - b).mean(axis=1)) if estimate else float(np.mean(np.abs(a - b)))
+        eval_gap = gap / max(float(np.mean(b)), 1e-30)
     u = draw.u[: 2 * PAIRS].astype(np.float32)
     u = np.minimum(u, np.float32(1 - 2.0**-24)).astype(float)
     energies = [_energy(b.sample(rounded, u)) for b in (single, double)]
-    lost = abs(energies[0] - energies[1]) / max(energies[1], 1e-30)
-    return FloatGap(eval_gap, lost)
+    change = energies[0] - energies[1]
+    gap = _beyond_noise(change) if estimate else abs(float(change.mean()))
+    return FloatGap(eval_gap, gap / max(float(energies[1].mean()), 1e-30))
 
 
-def _energy(s: Draw) -> float:
+def _energy(s: Draw) -> Floats:
     weight = np.asarray(s.weight, dtype=float).mean(axis=1)
     factor = np.where((np.asarray(s.lobe) & 16) != 0, np.asarray(s.eta, dtype=float) ** 2, 1.0)
-    return float(np.mean(weight * factor))
+    return np.asarray(weight * factor)

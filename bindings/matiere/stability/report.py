@@ -4,18 +4,23 @@ from __future__ import annotations
 
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import partial
+from math import isnan
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from matiere.stability import findings, measures
+from matiere.stability.charts import Floats
+from matiere.stability.estimates import is_estimate, look_at_estimate
 from matiere.stability.findings import FAIL, PASS, WARN, Finding, Look
 from matiere.stability.limits import find_limits
 from matiere.stability.measures import Viewer, direction
 from matiere.stability.statistics import sidak
-from matiere.stability.views import Draw, Effort, Scatterer, look
+from matiere.stability.views import TRANSMISSION, Draw, Effort, Scatterer, View, look
 
 VERSION = 1
 EFFORT = Effort(samples=16_000, tolerance=1e-5, budget=150_000)
@@ -41,6 +46,7 @@ class Report:
         views: what was measured from each viewer, rows of numbers.
         furnace: albedo by angle, rows `{degrees, side, albedo: [r, g, b]}`.
         seconds: how long the check took.
+        asset_root: folder of the files that the material names; for the plots.
     """
 
     material: Mapping[str, Any]
@@ -51,6 +57,7 @@ class Report:
     views: tuple[Mapping[str, Any], ...]
     furnace: tuple[Mapping[str, Any], ...]
     seconds: float
+    asset_root: str | PathLike[str] = "."
 
     def as_dict(self) -> dict[str, Any]:
         """Return the report as JSON holds it; `version` counts changes of the format."""
@@ -96,20 +103,21 @@ class Promises:
     two_sides: bool = False  # light may come from either side
 
 
-def check_material(description: Mapping[str, Any], *, seed: int = 1) -> Report:
+def check_material(
+    description: Mapping[str, Any], *, seed: int = 1, asset_root: str | PathLike[str] = "."
+) -> Report:
     """Check a material given as in scene JSON; see `matiere.check`."""
     from matiere.probe import bsdf
 
     started = time.perf_counter()
-    double, single = (bsdf(description, precision=p) for p in ("double", "float"))
-    promises = Promises(
-        reciprocal=double.features.get("reciprocal", True),
-        two_sides=bool(double.features["transmission"]),
-    )
-    limits = find_limits(description, double.params, double, bsdf)
-    return check_bsdf(
+    make = partial(bsdf, asset_root=asset_root)
+    double, single = (make(description, precision=p) for p in ("double", "float"))
+    promises = Promises(double.reciprocal, bool(double.lobes & TRANSMISSION))
+    limits = find_limits(description, double.params, double, make)
+    report = check_bsdf(
         double, single, promises, seed=seed, material=description, limits=limits, started=started
     )
+    return replace(report, asset_root=asset_root)
 
 
 def check_bsdf(
@@ -133,16 +141,24 @@ def check_bsdf(
     curve = _curve(single, [(d, side) for d in CURVE_DEGREES for side in sides])
     found = [
         findings.energy(looks, _brightest(double, curve, seed)),
-        findings.pdf_integral(looks),
-        findings.chi_square(looks),
-        findings.sampling(looks),
-        findings.weights(looks),
+        *_sampling(looks, is_estimate(double)),
         findings.reciprocal(looks, promises.reciprocal, one_index),
         findings.largest_weight(looks),
         findings.finite(finite),
         findings.precision(looks),
     ]
     return _assemble(material or {}, found, limits, looks, curve, started)
+
+
+def _sampling(looks: Sequence[Look], estimate: bool) -> list[Finding]:
+    if estimate:
+        return [findings.expectation(looks), findings.sampling(looks)]
+    return [
+        findings.pdf_integral(looks),
+        findings.chi_square(looks),
+        findings.sampling(looks),
+        findings.weights(looks),
+    ]
 
 
 def _looks(
@@ -152,10 +168,10 @@ def _looks(
     looks, one_index = [], True
     for viewer in viewers:
         wo = direction(*viewer)
-        view = look(double, wo, seed, EFFORT)
+        view = see(double, wo, seed)
         again = view.p_value
         if view.p_value < level:
-            again = look(double, wo, seed + 1, EFFORT).p_value
+            again = see(double, wo, seed + 1).p_value
         draw = Draw(double, wo, 2 * measures.PAIRS, seed + 2)
         one_index &= draw.one_index
         residual = measures.reciprocity(double, wo, draw)
@@ -176,7 +192,7 @@ def _brightest(double: Scatterer, curve: Curve, seed: int) -> list[tuple[Viewer,
     calm = [row for row in values if row[1] <= 1 + findings.GAIN]
     suspects = sorted((row[1], row[0]) for row in values if row[1] > 1 + findings.GAIN)
     for _, viewer in suspects[-CONFIRMED:]:
-        view = look(double, direction(*viewer), seed, EFFORT)
+        view = see(double, direction(*viewer), seed)
         calm.append((viewer, float(view.albedo.max()) - view.uncertain))
     return calm
 
@@ -206,9 +222,16 @@ def _assemble(
     )
 
 
+def see(bsdf: Scatterer, wo: Floats, seed: int) -> View:
+    """Measure one view, of an estimate by its expectations."""
+    if is_estimate(bsdf):
+        return look_at_estimate(bsdf, wo, seed, EFFORT)
+    return look(bsdf, wo, seed, EFFORT)
+
+
 def _row(each: Look) -> dict[str, Any]:
     view = each.view
-    return {
+    row = {
         "degrees": each.viewer[0],
         "side": each.viewer[1],
         "albedo": [float(x) for x in view.albedo],
@@ -226,3 +249,5 @@ def _row(each: Look) -> dict[str, Any]:
         "float_gap": each.float_gap.eval,
         "float_loss": each.float_gap.sample,
     }
+    unknown = [key for key, value in row.items() if isinstance(value, float) and isnan(value)]
+    return row | dict.fromkeys(unknown)

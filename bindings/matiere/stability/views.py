@@ -121,7 +121,7 @@ def look(bsdf: Scatterer, wo: Floats, seed: int = 1, effort: Effort | None = Non
     pilot = Draw(bsdf, wo, min(PILOT, effort.samples), seed + 1000)
     s = Draw(bsdf, wo, effort.samples, seed)
     mass = _Mass(bsdf, wo, pilot, s, effort)
-    delta, delta_albedo = _delta(s)
+    delta, delta_albedo = delta_events(s)
     integral = float(mass.totals[0])
     expected = np.append(mass.expected, [delta, max(0.0, 1 - integral - delta)]) * s.n
     rejected = float(np.mean(s.lobe == 0))
@@ -181,7 +181,7 @@ class _Mass:
         self.uncertain = np.concatenate(uncertain)
 
 
-def _delta(s: Draw) -> tuple[float, Floats]:
+def delta_events(s: Draw) -> tuple[float, Floats]:
     """Return the probability of delta events and their share of the energy."""
     probability, energy = 0.0, np.zeros(3)
     for lobe in np.unique(s.lobe[s.sharp]):

@@ -15,7 +15,8 @@ struct Measured {
     static constexpr std::string_view kName = "measured";
     static constexpr std::string_view kDoc = "A measured BRDF: a MERL .binary or RGL .bsdf file.";
     static constexpr std::string_view kSource = "Matusik et al. 2003; Dupuy & Jakob 2018";
-    static constexpr std::uint32_t kFeatures = kFeatureReflection | kFeatureAnisotropic;
+    static constexpr std::uint32_t kFeatures =
+        kFeatureReflection | kFeatureAnisotropic | kFeatureNotReciprocal;
 
     struct Params {
         Value<const TensorSet*> file;

@@ -1,0 +1,83 @@
+"""One view of a material whose `eval` is an unbiased estimate: what is promised of expectations.
+
+Its pdf is a stand-in for weighting, so samples are not held against it, nor weights against eval /
+pdf. Promised is that eval and the sample weights have the same expectation in every cell.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+from matiere.stability.cells import Cells
+from matiere.stability.charts import Chart, Floats, regions
+from matiere.stability.statistics import chi_square_tail
+from matiere.stability.views import CELLS, PILOT, Draw, Effort, Scatterer, View, delta_events, flip
+
+POINTS = 12_000  # directions at which eval is asked
+MOST_NOISE = 0.3  # cells whose difference is known worse than this are pooled
+UNKNOWN = math.nan
+
+
+def is_estimate(bsdf: Scatterer) -> bool:
+    """Tell whether eval is an estimate of a random walk, by the probe's `stochastic`."""
+    return bool(getattr(bsdf, "stochastic", False))
+
+
+def look_at_estimate(bsdf: Scatterer, wo: Floats, seed: int, effort: Effort) -> View:
+    """Measure one view; `p_value` is that of eval against sampling, cell by cell."""
+    pilot = Draw(bsdf, wo, min(PILOT, effort.samples), seed + 1000)
+    s = Draw(bsdf, wo, effort.samples, seed)
+    mirror, index = flip(wo), pilot.index
+    guide, drawn = pilot.wi[pilot.dull] * mirror, s.wi[s.dull] * mirror
+    density = np.asarray(bsdf.pdf(wo, pilot.wi[pilot.dull]), dtype=float)
+    energy = s.energy[s.dull].mean(axis=1)
+
+    def value(wi: Floats) -> Floats:
+        f = np.asarray(bsdf.eval(wo, wi * mirror), dtype=float).mean(axis=1)
+        return np.asarray(f * np.where(wi[:, 2] < 0, index**2, 1.0))
+
+    def stand_in(wi: Floats) -> Floats:
+        return np.asarray(bsdf.pdf(wo, wi * mirror), dtype=float)[:, None]
+
+    rows = []
+    for region in regions(wo * mirror, index):
+        mine, there = region.contains(guide), region.contains(drawn)
+        chart = Chart.fitted(region, guide[mine], density[mine])
+        share = np.count_nonzero(mine) / max(1, len(guide))
+        cells = Cells(chart, guide[mine], round(CELLS / 2 * share))
+        by_eval, noise = cells.estimate(stand_in, value, POINTS, seed)
+        cell = cells.find(drawn[there])
+        first = np.bincount(cell, energy[there], len(cells)) / s.n
+        second = np.bincount(cell, energy[there] ** 2, len(cells)) / s.n
+        rows.append(np.stack([by_eval, noise, first, (second - first**2) / s.n]))
+    by_eval, noise, by_sample, spread = np.concatenate(rows, axis=1)
+    probability, delta_energy = delta_events(s)
+    error = math.sqrt(noise.sum())
+    return View(
+        wo=wo,
+        samples=s.n,
+        p_value=_agreement(by_eval, by_sample, noise + spread),
+        integral=UNKNOWN,
+        rejected=float(np.mean(s.lobe == 0)),
+        delta=probability,
+        uncertain=3 * error,
+        albedo=np.full(3, by_eval.sum()) + delta_energy.mean(),
+        albedo_sampled=np.full(3, s.energy.mean()),
+        albedo_error=np.full(3, math.hypot(error, s.energy.mean(axis=1).std() / math.sqrt(s.n))),
+        weight_gap=UNKNOWN,
+        weight_gap_worst=UNKNOWN,
+        largest_weight=float(s.energy.max(initial=0.0)),
+    )
+
+
+def _agreement(a: Floats, b: Floats, variance: Floats) -> float:
+    """Return the chance of differences as large, the cells that are mostly noise put together."""
+    noisy = np.sqrt(variance) > MOST_NOISE * np.maximum(np.abs(a), np.abs(b))
+    difference = np.append((a - b)[~noisy], (a - b)[noisy].sum())
+    variance = np.append(variance[~noisy], variance[noisy].sum())
+    used = variance > 0
+    if not used.any():
+        return 1.0
+    return chi_square_tail(float(np.sum(difference[used] ** 2 / variance[used])), int(used.sum()))
