@@ -36,6 +36,8 @@ HDR_MAPS = (  # file, exposure in stops
     ("kloppenheim_05_1k.hdr", 0.0),
     ("blender_city.exr", 0.0),
     ("blender_courtyard.exr", 0.3),
+    ("irradiance_table_mountain_256.hdr", 0.0),
+    ("irradiance_san_giuseppe_bridge_256.hdr", 0.0),
 )
 
 
