@@ -71,7 +71,7 @@ class Child:
     """Reads the control pipe in one thread and works in another."""
 
     def __init__(self, options: argparse.Namespace) -> None:
-        """Open pipes and the work module; heavy imports wait for the first request."""
+        """Open pipes and the work module."""
         self.reports = Reports(options.report)
         self.folder = ArtifactFolder(options.artifacts)
         self.work = importlib.import_module(options.work)
@@ -85,8 +85,9 @@ class Child:
         self._renderer: Any = None
 
     def run(self) -> None:
-        """Serve requests until the control pipe closes."""
+        """Serve requests until the control pipe closes; say hello when all is imported."""
         threading.Thread(target=self._listen, name="control", daemon=True).start()
+        self.work.warm_up()
         self.reports.send("hello", pid=os.getpid())
         while True:
             self._serve(self._requests.get())

@@ -113,6 +113,14 @@ def check_material(
 
 
 # -- rendering (in a render child) --------------------------------------------------------------
+def warm_up() -> None:
+    """Import what the first request needs, so that its cancel is not heard late."""
+    from matiere import _core
+    from matiere.scene import load
+
+    del _core, load
+
+
 def cancel_token() -> _core.CancelToken:
     """Return a flag that stops C++ between rows of pixels."""
     from matiere import _core

@@ -54,7 +54,7 @@ def test_seconds_are_kept(scene: mt.Scene) -> None:
     for seconds in (0.5, 1.0):
         film = mt.render(scene, seconds=seconds, threads=2)
         assert film.report["reason"] == "seconds"
-        assert film.spp > 4
+        assert film.spp >= 4
         # the promise is 10 %; the last pass of a busy machine may be up to one pass late
         passes = film.report["log"]
         slow = passes[-1]["wall_s"] / film.spp * 16

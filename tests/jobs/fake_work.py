@@ -120,6 +120,10 @@ def _sha(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
+def warm_up() -> None:
+    """Nothing is heavy here."""
+
+
 def cancel_token() -> Any:
     event = threading.Event()
     event.cancel = event.set  # type: ignore[attr-defined]

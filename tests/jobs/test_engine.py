@@ -134,7 +134,7 @@ def test_a_crash_is_tried_again(engine: Engine, tmp_path: Path) -> None:
     job = run(engine, SCENE | {"misdeed": misdeed})
     assert job.state == "succeeded"
     assert report_of(engine, job.id)["max_count"] == 64
-    assert engine.status()["counters"]["children_lost"] == 1
+    assert wait_until(lambda: engine.status()["counters"].get("children_lost")) == 1
 
 
 @pytest.mark.parametrize(("kind", "code"), [("SIGSEGV", "signal"), ("raise", "python_error")])
