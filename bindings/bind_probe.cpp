@@ -69,7 +69,8 @@ class Probe {
         if (!part) return;
         visit_model(part->model(), [&]<class M>(const M& m) {
             if constexpr (InterfaceModel<M, R>)
-                below_ = recipe_.at(TextureTable(), {}, R(1) / m.interior().eta, nested_);
+                below_ =
+                    recipe_.at(TextureTable(), {}, R(1) / m.interior().eta[kMiddleLane], nested_);
         });
     }
     Probe(const Probe&) = delete;

@@ -118,7 +118,8 @@ class PyMaterials {
         d["emissive"] = r.emissive;
         d["delta_only"] = r.delta_only;
         d["passes"] = r.passes;
-        d["eta_interior"] = r.eta_interior;
+        d["eta_interior"] = py::make_tuple(r.eta_interior[0], r.eta_interior[1], r.eta_interior[2]);
+        d["dispersive"] = r.dispersive;
         d["sigma_a"] = py::make_tuple(r.sigma_a[0], r.sigma_a[1], r.sigma_a[2]);
         d["features"] = r.features;
         d["lobes"] = r.lobes;

@@ -1,5 +1,7 @@
 #include "integrator/integrator.h"
 
+#include <algorithm>
+
 #include "integrator/guided_bsdf.h"
 #include "integrator/visibility.h"
 #include "sampling/mis.h"
@@ -15,6 +17,8 @@ namespace {
 constexpr int kDepthGuard = 10000;
 /// Scattering events before roulette may end a path.
 constexpr int kRouletteDepth = 4;
+/// Which number of the spare block picks the lane of a dispersed path.
+constexpr int kLaneSlot = 1;
 
 /// One path from the camera.
 class Walk {
@@ -44,12 +48,17 @@ class Walk {
             float eta_rel = 1;
             if (s.material >= 0 && scene_.materials()[s.material].has_interior) {
                 const bool entering = dot(s.point.n_g, ray_.direction) < 0;
-                const auto crossing =
-                    cross_interface(scene_.materials(), s.material, entering, interior_);
+                auto crossing = cross_interface(scene_.materials(), s.material, entering, interior_,
+                                                std::max(lane_, 0));
                 if (crossing.hidden) {
                     move_through(scene_, s, entering, interior_, counters_);
                     ray_.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray_.direction);
                     continue;
+                }
+                if (crossing.dispersive && lane_ < 0) {
+                    pick_lane();
+                    crossing =
+                        cross_interface(scene_.materials(), s.material, entering, interior_, lane_);
                 }
                 eta_rel = crossing.eta_rel;
             }
@@ -60,6 +69,19 @@ class Walk {
     }
 
  private:
+    /// At the first dispersive interface of a path: from there on it carries one lane, picked in
+    /// proportion to the light it carries, for all of them.
+    void pick_lane() {
+        const float sum = beta_[0] + beta_[1] + beta_[2];
+        const SampleBlock u = sampler_.block(std::uint32_t(depth_), Purpose::kSpare);
+        const float x = u.uniform(kLaneSlot) * sum;
+        lane_ = x < beta_[0] ? 0 : x < beta_[0] + beta_[1] ? 1 : 2;
+        if (!(beta_[lane_] > 0)) lane_ = beta_[1] > 0 ? 1 : 0;  // x at a rounded edge
+        Spectrumf one;
+        one[lane_] = sum;
+        beta_ = one;
+    }
+
     float emission_weight(float light_pdf) const {
         if (specular_ || settings_.strategy == Strategy::kBsdfOnly) return 1;
         if (settings_.strategy == Strategy::kLightOnly) return light_pdf > 0 ? 0.0F : 1.0F;
@@ -191,6 +213,7 @@ class Walk {
     Spectrumf beta_{1.0F}, L_;
     float alpha_ = 1, eta_scale_ = 1, bsdf_pdf_ = 0;
     bool specular_ = true;
+    int lane_ = -1;               // the one lane of a path that has met a dispersive interface
     int depth_ = 0, passed_ = 0;  // scattering events; surfaces passed through, which are none
 };
 

@@ -85,6 +85,7 @@ MaterialRecord make_record(const MaterialDescription& d, const TextureTable& tex
             if constexpr (InterfaceModel<M, float>) {
                 r.has_interior = true;
                 r.eta_interior = m.interior().eta;
+                r.dispersive = r.eta_interior.min_value() != r.eta_interior.max_value();
                 r.sigma_a = m.interior().sigma_a;
             }
         });

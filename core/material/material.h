@@ -22,7 +22,8 @@ struct MaterialRecord {
     bool emissive = false;
     bool delta_only = false;  ///< every lobe is a delta: connecting to lights is useless
     int priority = 0;
-    float eta_interior = 1.0F;  ///< index of the medium inside
+    Spectrumf eta_interior{1.0F};  ///< index of the medium inside, per lane
+    bool dispersive = false;       ///< the lanes of eta_interior differ
     Spectrumf sigma_a;          ///< absorption of the medium inside [1/m]
     Spectrumf emission;  ///< radiance emitted where opaque; the texture's mean where textured
     int emission_texture = -1;   ///< -1: constant

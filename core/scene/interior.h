@@ -75,20 +75,27 @@ class InteriorStack {
 struct InterfaceCrossing {
     bool hidden = false;  ///< lies inside a medium of higher priority: nothing is there to see
     float eta_rel = 1;    ///< index beyond the surface over the index on the path's side
+    bool dispersive = false;  ///< eta_rel is that of one lane; others may have another
 };
 
-/// `entering`: the path comes from outside the closed shape.
+/// `entering`: the path comes from outside the closed shape. `lane` is the path's own; where the
+/// indices differ between lanes it decides.
 inline InterfaceCrossing cross_interface(const MaterialTable& materials, int material,
-                                         bool entering, const InteriorStack& inside) {
-    const auto eta = [&](int m) { return m < 0 ? 1.0F : materials[m].eta_interior; };
+                                         bool entering, const InteriorStack& inside,
+                                         int lane = 0) {
+    const auto between = [&](int from, int to) -> InterfaceCrossing {
+        const auto eta = [&](int m) { return m < 0 ? 1.0F : materials[m].eta_interior[lane]; };
+        const auto dispersive = [&](int m) { return m >= 0 && materials[m].dispersive; };
+        return {false, eta(to) / eta(from), dispersive(from) || dispersive(to)};
+    };
     if (entering) {
         const int around = inside.current();
         if (around >= 0 && materials[around].priority > materials[material].priority)
-            return {true, 1};
-        return {false, eta(material) / eta(around)};
+            return {true, 1, false};
+        return between(around, material);
     }
-    if (inside.contains(material) && inside.current() != material) return {true, 1};
-    return {false, eta(inside.current_without(material)) / eta(material)};
+    if (inside.contains(material) && inside.current() != material) return {true, 1, false};
+    return between(material, inside.current_without(material));
 }
 
 }  // namespace matiere

@@ -132,7 +132,7 @@ def test_double_and_float_are_the_same_formula() -> None:
 
 def test_params_tell_defaults_and_the_repr_is_readable() -> None:
     b = mt.bsdf(GLASS)
-    assert b.type == "dielectric" and b.params["eta"] == 1.5
+    assert b.type == "dielectric" and b.params["eta"] == (1.5, 1.5, 1.5)
     assert "emission" not in b.params and b.params["distribution"] == "ggx"
     assert "dielectric" in repr(b) and "float" in repr(b)
 

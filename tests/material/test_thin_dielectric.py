@@ -8,7 +8,7 @@ import numpy as np
 import oracle
 import pytest
 from extremes import ETAS, direction
-from mpmath import mpf, nsum, sqrt
+from mpmath import mpf, sqrt
 
 from matiere import _core
 
@@ -42,8 +42,9 @@ def test_both_shares_are_the_sums_over_all_bounces(eta: float, tint: float) -> N
             assert R[0] == 1 and T[0] == 0
             continue
         t = mpf(tint) ** (1 / sqrt(1 - (1 - c * c) / mpf(eta) ** 2)) if tint else mpf(0)
-        exact_T = nsum(lambda k: (1 - F) ** 2 * t * (F * t) ** (2 * k), [0, 60])
-        exact_R = F + nsum(lambda k: (1 - F) ** 2 * F * t * t * (F * t) ** (2 * k), [0, 60])
+        bounces = sum((F * t) ** (2 * k) for k in range(60))
+        exact_T = (1 - F) ** 2 * t * bounces
+        exact_R = F + (1 - F) ** 2 * F * t * t * bounces
         if F < 0.9:  # else the sum above is not finished
             assert float(abs(R[0] - exact_R)) <= 2e-6 * max(float(exact_R), 1e-3)
             unseen = 0 if T.any() else 2.0**-23  # rarer than any number the test can draw
@@ -84,7 +85,7 @@ def test_limits_are_exact() -> None:
     assert not R.any() and (T == 1).all()
     R, T = shares(sheet(eta=1.5, transmittance=0.0), wo)
     F = _core.probe.fresnel_dielectric_double(wo[0, 2], 1.5)[0]
-    assert R == pytest.approx([float(F)] * 3) and not T.any()
+    assert np.allclose(R, F) and not T.any()
 
 
 def test_colours_are_kept_apart() -> None:

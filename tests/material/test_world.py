@@ -136,7 +136,7 @@ def test_the_relative_index_of_the_hit_decides() -> None:
 def test_records_tell_what_the_integrator_needs() -> None:
     glass = table("dielectric", {"eta": 1.4, "sigma_a": [1.0, 2.0, 3.0]}).record(0)
     assert glass["has_interior"] and glass["delta_only"]
-    assert glass["eta_interior"] == pytest.approx(1.4)
+    assert glass["eta_interior"] == pytest.approx((1.4, 1.4, 1.4))
     assert glass["sigma_a"] == pytest.approx((1, 2, 3))
     wall = table("lambert", {"albedo": 0.5}, emission=[1.0, 2.0, 3.0]).record(0)
     assert wall["emissive"] and not wall["delta_only"] and not wall["has_interior"]

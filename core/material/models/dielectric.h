@@ -5,7 +5,8 @@
 // Sources: Walter, Marschner, Li, Torrance 2007, eqs 16, 17, 21; Heitz 2014; Heitz et al. 2016
 // (transmission masking). Single scattering between facets, as in those papers, loses energy at
 // high alpha (22 to 53 % at alpha 1); multiscatter adds the rest (interface_loss.h).
-// The relative index comes with the hit: the media that really meet there, by priority.
+// The relative index comes with the hit: the media that really meet there, by priority. It is one
+// number: at the first hit where an index differs between channels the integrator picks a channel.
 #pragma once
 
 #include "material/interface_loss.h"
@@ -18,9 +19,12 @@ namespace matiere {
 /// The medium inside an interface.
 template <class R>
 struct Interior {
-    R eta{R(1)};
-    Spectrum<R> sigma_a;  ///< [1/m]
+    Spectrum<R> eta{R(1)};  ///< per lane; unequal: the medium disperses light
+    Spectrum<R> sigma_a;    ///< [1/m]
 };
+
+/// The lane whose index stands for a dispersive medium where no path has picked one.
+inline constexpr int kMiddleLane = 1;
 
 template <class R>
 struct Dielectric {
@@ -33,14 +37,15 @@ struct Dielectric {
                                                kFeatureAnisotropic;
 
     struct Params : AlphaParams<R> {
-        Value<R> eta, at_distance;
-        Value<Spectrum<R>> sigma_a, transmittance, attenuation_per_metre;
+        Value<R> at_distance;
+        Value<Spectrum<R>> eta, sigma_a, transmittance, attenuation_per_metre;
         const InterfaceSides<R>* sides = nullptr;
 
         static constexpr auto table() {
             return join(
                 std::array{
-                    scalar("eta", &Params::eta, "Index of refraction of the interior.")
+                    color("eta", &Params::eta,
+                          "Index of refraction of the interior; [r, g, b] disperses light.")
                         .above(0, 1000)
                         .initially(1.5)
                         .constant_only(),
@@ -93,12 +98,13 @@ struct Dielectric {
     static void tabulate(Params& p, TableStore<R>& store) {
         const Vec2<R> a = p.alphas();
         const bool rough = p.any_textured() || !is_delta_alpha(a.x, a.y);
-        if (p.multiscatter.v && rough) p.sides = tabulate_interface(p, Spectrum<R>(p.eta.v), store);
+        if (p.multiscatter.v && rough) p.sides = tabulate_interface(p, p.eta.v, store);
     }
     static Dielectric prepare(const Params& p) {
-        const Dielectric d{p.microfacet(),          p.eta.v, {p.eta.v, p.absorption()}, p.sides,
-                           CoatTables<R>{}.view(p), {}};
-        return d.at_interface(p.eta.v);
+        const R middle = p.eta.v[kMiddleLane];
+        const Interior<R> inside{p.eta.v, p.absorption()};
+        const Dielectric d{p.microfacet(), middle, inside, p.sides, CoatTables<R>{}.view(p), {}};
+        return d.at_interface(middle);
     }
 
     const Interior<R>& interior() const { return inside; }
