@@ -41,6 +41,7 @@ def check(value: float, f: Any, inputs: list[float], what: object) -> None:
         return
     error = float(abs(mpf(float(value)) / exact - 1))
     allowed = oracle.bound(f, inputs)
+    oracle.note(error, allowed)
     assert error <= allowed, (what, value, float(exact), error, allowed)
 
 

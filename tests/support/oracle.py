@@ -158,6 +158,16 @@ def condition(f: Callable[..., Any], inputs: Sequence[float]) -> Any:
     return total
 
 
+#: Told (error, allowed) of every comparison of a model with its oracle: see oracle_log.py.
+listeners: list[Callable[[float, float], None]] = []
+
+
+def note(error: float, allowed: float) -> None:
+    """Tell the listeners of a comparison."""
+    for listener in listeners:
+        listener(error, allowed)
+
+
 def bound(f: Callable[..., Any], inputs: Sequence[float]) -> float:
     """The relative error a float path may have: 1e-5, or 8 roundings of its inputs."""
     return float(max(mpf(1e-5), 8 * mpf(2) ** -24 * condition(f, inputs)))

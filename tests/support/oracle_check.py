@@ -43,5 +43,6 @@ def check(
         return 0.0
     error = float(abs(mpf(float(value)) / exact - 1))
     allowed = oracle.bound(f, inputs)
+    oracle.note(error, allowed)
     assert error <= allowed, (what, wo, wi, value, float(exact), error, allowed)
     return error / allowed
