@@ -104,6 +104,11 @@ def test_estimates_are_held_to_their_expectations() -> None:
     assert found.views[0]["weight_gap"] is None
 
 
+def test_few_samples_raise_no_suspicion() -> None:
+    found = report(fake.MostlyAbsorbed())
+    assert found.verdict == "pass", str(found)
+
+
 def test_a_biased_estimate_is_caught() -> None:
     assert verdicts(report(fake.BiasedEstimate())) == {"expectation": "fail"}
 

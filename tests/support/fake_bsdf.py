@@ -175,6 +175,18 @@ class Estimate(Fake):
         return 0.5 * self.noise(wi, wo)
 
 
+class MostlyAbsorbed(Estimate):
+    """Scatters one sample in three hundred: cells of which nearly nothing is known."""
+
+    def sample(self, wo: Any, u: Any) -> Sample:
+        s = super().sample(wo, u)
+        kept = np.asarray(u)[:, 0] < 1 / 300
+        return Sample(s.wi, s.weight * kept[:, None], s.pdf * kept, s.lobe * kept, s.eta)
+
+    def value(self, wo: Floats, wi: Floats) -> Floats:
+        return super().value(wo, wi) / 300
+
+
 class BiasedEstimate(Estimate):
     """Samples what eval has, but a quarter more to one side."""
 

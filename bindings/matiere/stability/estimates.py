@@ -16,6 +16,7 @@ from matiere.stability.statistics import chi_square_tail
 from matiere.stability.views import CELLS, PILOT, Draw, Effort, Scatterer, View, delta_events, flip
 
 POINTS = 12_000  # directions at which eval is asked
+FEWEST_SAMPLES = 20  # of a cell
 MOST_NOISE = 0.3  # cells whose difference is known worse than this are pooled
 UNKNOWN = math.nan
 
@@ -51,14 +52,15 @@ def look_at_estimate(bsdf: Scatterer, wo: Floats, seed: int, effort: Effort) -> 
         cell = cells.find(drawn[there])
         first = np.bincount(cell, energy[there], len(cells)) / s.n
         second = np.bincount(cell, energy[there] ** 2, len(cells)) / s.n
-        rows.append(np.stack([by_eval, noise, first, (second - first**2) / s.n]))
-    by_eval, noise, by_sample, spread = np.concatenate(rows, axis=1)
+        met = np.bincount(cell, minlength=len(cells))
+        rows.append(np.stack([by_eval, noise, first, (second - first**2) / s.n, met]))
+    by_eval, noise, by_sample, spread, met = np.concatenate(rows, axis=1)
     probability, delta_energy = delta_events(s)
     error = math.sqrt(noise.sum())
     return View(
         wo=wo,
         samples=s.n,
-        p_value=_agreement(by_eval, by_sample, noise + spread),
+        p_value=_agreement(by_eval, by_sample, noise + spread, met),
         integral=UNKNOWN,
         rejected=float(np.mean(s.lobe == 0)),
         delta=probability,
@@ -72,9 +74,15 @@ def look_at_estimate(bsdf: Scatterer, wo: Floats, seed: int, effort: Effort) -> 
     )
 
 
-def _agreement(a: Floats, b: Floats, variance: Floats) -> float:
-    """Return the chance of differences as large, the cells that are mostly noise put together."""
+def _agreement(a: Floats, b: Floats, variance: Floats, met: Floats) -> float:
+    """Return the chance of differences as large.
+
+    Cells that are mostly noise, or whose variance few samples tell, are put together.
+    """
     noisy = np.sqrt(variance) > MOST_NOISE * np.maximum(np.abs(a), np.abs(b))
+    noisy |= met < FEWEST_SAMPLES
+    if met[noisy].sum() < FEWEST_SAMPLES:
+        a, b, variance, noisy = a[~noisy], b[~noisy], variance[~noisy], noisy[~noisy]
     difference = np.append((a - b)[~noisy], (a - b)[noisy].sum())
     variance = np.append(variance[~noisy], variance[noisy].sum())
     used = variance > 0
