@@ -147,8 +147,8 @@ def oracle_worst(log: Path) -> dict[str, dict[str, float]]:
 
 def table(rows: list[dict[str, Any]], oracle: dict[str, dict[str, float]]) -> str:
     """Return the markdown table: one line per model, the worst of its parameter sets."""
-    head = ["model", "sets", *TESTS, *MEASURES, "estimates in the mean", "oracle: worst error (share of allowed)",
-            "float = double"]  # fmt: skip
+    last = ["estimates in the mean", "oracle: worst error (share of allowed)", "float = double"]
+    head = ["model", "sets", *TESTS, *MEASURES, *last]
     lines = ["| " + " | ".join(head) + " |", "|" + "---|" * len(head)]
     for kind in ROWS:
         mine = [row for row in rows if row["type"] == kind]
