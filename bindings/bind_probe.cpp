@@ -90,6 +90,7 @@ class Probe {
     }
 
     std::uint8_t lobes() const { return model_lobes<R>(recipe_.model()); }
+    bool is_stochastic() const { return model_is_stochastic<R>(recipe_.model()); }
 
     Array<R> eval_rows(const Rows<R>& wo, const Rows<R>& wi) const {
         const FlushDenormals as_in_a_render;
@@ -208,6 +209,12 @@ void bind_probe(py::module_& m) {
             [](const PyBsdf& b) {
                 return b.visit([](const auto& p) { return py::int_(p.lobes()); });
             })
+        .def_property_readonly(
+            "stochastic",
+            [](const PyBsdf& b) {
+                return b.visit([](const auto& p) { return py::bool_(p.is_stochastic()); });
+            },
+            "eval is an unbiased estimate, pdf a stand-in: weight is not eval / pdf.")
         .def(
             "eval",
             [](const PyBsdf& b, const py::object& wo, const py::object& wi) {

@@ -9,6 +9,7 @@
 #include "material/models/cook_torrance.h"
 #include "material/models/dielectric.h"
 #include "material/models/lambert.h"
+#include "material/models/layered.h"
 #include "material/models/measured.h"
 #include "material/models/mirror.h"
 #include "material/models/mix.h"
@@ -34,6 +35,7 @@ using ModelList = TypeList<
     Conductor<R>,
     CookTorrance<R>,
     Dielectric<R>,
+    Layered<R>,
     Measured<R>,
     ThinDielectric<R>,
     Mirror<R>,

@@ -3,6 +3,7 @@
 #pragma once
 
 #include <optional>
+#include <string_view>
 
 #include "material/bsdf.h"
 
@@ -17,6 +18,7 @@ struct Nested {
 
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const;
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const;
+    std::string_view name() const;
     std::uint8_t lobes() const;
     /// Share of light that goes straight through as if nothing were there, at every angle.
     R null_share() const;

@@ -426,6 +426,15 @@ std::optional<BsdfSample<R>> Nested<R>::sample(Vec3<R> wo, Vec3<R> u) const {
     return sample_model(box->model, wo, u);
 }
 template <class R>
+std::string_view Nested<R>::name() const {
+    return visit_model(box->model, []<class M>(const M&) -> std::string_view {
+        if constexpr (std::same_as<M, std::monostate>)
+            return {};
+        else
+            return M::kName;
+    });
+}
+template <class R>
 std::uint8_t Nested<R>::lobes() const {
     return model_lobes<R>(box->model);
 }

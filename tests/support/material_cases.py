@@ -96,6 +96,8 @@ class Case:
 
 GOLD = {"eta": [0.14, 0.37, 1.44], "k": [3.98, 2.39, 1.60]}
 
+WHITE = {"type": "lambert", "albedo": 1.0}
+TINT = {"sigma_a": [10.0, 500.0, 1e4], "thickness": 1e-3}
 PLASTIC = {"type": "plastic", "albedo": 1.0, "alpha": 0.2}
 ROUGH_MIRROR = {"type": "cook_torrance", "F0": 1.0, "alpha": 0.05}
 ROUGH_GLASS = {"type": "dielectric", "eta": 1.5, "alpha": 0.3}
@@ -175,6 +177,22 @@ PICKED = (
         Case("measured", {"file": ("data", arrays)}, name, reciprocal=name.startswith("merl"))
         for name, arrays in measured_files.made().items()
     ),
+    Case("layered", {"base": WHITE, "method": "exact"}),
+    Case("layered", {"base": WHITE, "method": "exact", "eta": 2.4, "sigma_a": 0.3, "thickness": 1}),
+    Case("layered", {"base": WHITE, "method": "weidlich_wilkie", "alpha": 0.3}),
+    Case("layered", {"base": ROUGH_MIRROR, "method": "weidlich_wilkie"}),
+    Case("layered", {"base": ROUGH_MIRROR, "method": "weidlich_wilkie", "alpha": 0.01, **TINT}),
+    Case("layered", {"base": PLASTIC, "method": "weidlich_wilkie", "alpha": 1.0, "eta": 1.001}),
+    Case("layered", {"base": PLASTIC, "method": "weidlich_wilkie", "alpha": 0.2, "eta": 0.8}),
+    Case(
+        "layered",
+        {
+            "base": {"type": "layered", "base": PLASTIC, "method": "weidlich_wilkie"},
+            "method": "weidlich_wilkie",
+            "alpha_x": 0.1,
+            "alpha_y": 0.4,
+        },
+    ),
     Case("null"),
     Case("mix", {"a": PLASTIC, "b": {"type": "conductor", **GOLD, "alpha": 0.1}, "weight": 0.3}),
     Case("mix", {"a": {"type": "mirror", "F0": 1.0}, "b": ROUGH_MIRROR, "weight": 0.7}),
@@ -225,6 +243,8 @@ def generated() -> Iterator[Case]:
     for row in ROWS.values():
         if any(p["kind"] == "file" and p["required"] for p in row["params"]):
             continue  # test_measured.py brings the files
+        if row["type"] == "layered":
+            continue  # its default is an estimate: test_layered.py
         base = _needed(row)
         yield Case(row["type"], base)
         for p in row["params"]:
