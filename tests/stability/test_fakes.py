@@ -74,6 +74,8 @@ def test_reciprocity_is_not_held_against_those_who_do_not_promise_it() -> None:
 def test_float_is_held_against_double() -> None:
     rough = report(fake.Fake(), fake.RoughInFloat())
     assert verdicts(rough) == {"float": "warn"}, str(rough)
+    stray = report(fake.Fake(), fake.StrayInFloat())
+    assert verdicts(stray) == {"float": "fail"} and "do not follow" in stray.reason, str(stray)
     lossy = report(fake.Fake(), fake.LosesInFloat())
     assert verdicts(lossy) == {"float": "fail"}, str(lossy)
 

@@ -148,6 +148,15 @@ class RoughInFloat(Fake):
         return 0.5 / np.pi * (1 + 0.01 * np.sin(1e4 * wi[:, 0]))
 
 
+class StrayInFloat(Fake):
+    """What a float path that shifts its samples would answer."""
+
+    def sample(self, wo: Any, u: Any) -> Sample:
+        s = super().sample(wo, u)
+        wi = s.wi + np.array([0.05, 0.0, 0.0])
+        return s._replace(wi=wi / np.linalg.norm(wi, axis=1, keepdims=True))
+
+
 class LosesInFloat(Fake):
     """What a float path that drops samples would answer."""
 

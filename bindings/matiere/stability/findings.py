@@ -6,6 +6,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
+import numpy as np
+
 from matiere.stability.measures import Finiteness, FloatGap, Viewer
 from matiere.stability.statistics import sidak
 from matiere.stability.views import View
@@ -57,9 +59,18 @@ class Look:
 
     viewer: Viewer
     view: View
-    confirmed_p: float  # of a second run with other samples where the first was suspicious
+    again: View  # a second run with other samples where the first was suspicious
     reciprocity: float
     float_gap: FloatGap
+
+
+def _p(look: Look) -> float:
+    """Return the larger p-value of the two runs."""
+    return max(look.view.p_value, look.again.p_value)
+
+
+def _p_float(look: Look) -> float:
+    return float(np.maximum(look.view.p_value_float, look.again.p_value_float))  # NaN: either
 
 
 def where(viewer: Viewer) -> str:
@@ -110,8 +121,8 @@ def pdf_integral(looks: Sequence[Look]) -> Finding:
 def chi_square(looks: Sequence[Look]) -> Finding:
     """Judge whether samples follow the pdf; two runs must doubt it."""
     level = sidak(LEVEL, len(looks))
-    worst = min(looks, key=lambda look: max(look.view.p_value, look.confirmed_p))
-    p = max(worst.view.p_value, worst.confirmed_p)
+    worst = min(looks, key=_p)
+    p = _p(worst)
     if p < level:
         text = f"samples do not follow the pdf {where(worst.viewer)} (chi-square p = {p:.1g})"
         return _finding("chi_square", FAIL, p, level, text, worst.viewer)
@@ -144,8 +155,8 @@ def sampling(looks: Sequence[Look]) -> Finding:
 def expectation(looks: Sequence[Look]) -> Finding:
     """Judge whether eval, an estimate, and sampling agree in the mean in every cell."""
     level = sidak(ESTIMATE_LEVEL, len(looks))
-    worst = min(looks, key=lambda look: max(look.view.p_value, look.confirmed_p))
-    p = max(worst.view.p_value, worst.confirmed_p)
+    worst = min(looks, key=_p)
+    p = _p(worst)
     text = f"in the mean eval and sampling agree cell by cell (smallest p of {len(looks)} {p:.2g})"
     if p < level:
         text = f"the means of eval and sampling differ {where(worst.viewer)} (p = {p:.1g})"
@@ -209,6 +220,11 @@ def precision(looks: Sequence[Look]) -> Finding:
         text = f"sampling in float scatters other energy than in double: {value:.1g} of it"
         text += f", {where(lossy.viewer)}"
         return _finding("float", FAIL, value, FLOAT_LOSS, text, lossy.viewer)
+    astray = [look for look in looks if _p_float(look) < sidak(LEVEL, len(looks)) <= _p(look)]
+    if astray:
+        worst, p = astray[0], _p_float(astray[0])
+        text = f"samples in float do not follow the pdf {where(worst.viewer)} (p = {p:.1g})"
+        return _finding("float", FAIL, p, sidak(LEVEL, len(looks)), text, worst.viewer)
     worst = max(looks, key=lambda look: look.float_gap.eval)
     value = worst.float_gap.eval
     if value > FLOAT_GAP:

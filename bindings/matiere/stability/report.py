@@ -168,10 +168,9 @@ def _looks(
     looks, one_index = [], True
     for viewer in viewers:
         wo = direction(*viewer)
-        view = see(double, wo, seed)
-        again = view.p_value
-        if view.p_value < level:
-            again = see(double, wo, seed + 1).p_value
+        view = again = see(double, wo, seed, single)
+        if min(view.p_value, view.p_value_float) < level:
+            again = see(double, wo, seed + 1, single)
         draw = Draw(double, wo, 2 * measures.PAIRS, seed + 2)
         one_index &= draw.one_index
         residual = measures.reciprocity(double, wo, draw)
@@ -222,11 +221,11 @@ def _assemble(
     )
 
 
-def see(bsdf: Scatterer, wo: Floats, seed: int) -> View:
+def see(bsdf: Scatterer, wo: Floats, seed: int, single: Scatterer | None = None) -> View:
     """Measure one view, of an estimate by its expectations."""
     if is_estimate(bsdf):
         return look_at_estimate(bsdf, wo, seed, EFFORT)
-    return look(bsdf, wo, seed, EFFORT)
+    return look(bsdf, wo, seed, EFFORT, single)
 
 
 def _row(each: Look) -> dict[str, Any]:
@@ -238,6 +237,7 @@ def _row(each: Look) -> dict[str, Any]:
         "albedo_sampled": [float(x) for x in view.albedo_sampled],
         "albedo_error": [float(x) for x in view.albedo_error],
         "chi_square_p": view.p_value,
+        "chi_square_p_float": view.p_value_float,
         "pdf_integral": view.integral,
         "rejected": view.rejected,
         "delta": view.delta,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from copy import copy
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -10,12 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from matiere.stability.cells import Cells
-from matiere.stability.charts import Chart, Floats, Mask, regions
+from matiere.stability.charts import Chart, Floats, Mask, Region, regions
 from matiere.stability.statistics import chi_square_p
 
 SPECULAR, TRANSMISSION = 4, 16
 PILOT = 8192
 CELLS = 128
+ROUNDED = 0.01  # p-value
 
 
 class Scatterer(Protocol):
@@ -63,6 +65,7 @@ class View:
     weight_gap: float  # mean |eval / pdf - weight| over the mean weight
     weight_gap_worst: float
     largest_weight: float
+    p_value_float: float = math.nan  # of float samples; NaN where float cannot resolve the lobe
 
     @property
     def gap(self) -> float:
@@ -94,6 +97,12 @@ class Draw:
         self.weight = np.asarray(s.weight, dtype=float)
         self.energy = self.weight * energy[:, None]
 
+    def rounded(self) -> Draw:
+        """Return the samples as float holds them."""
+        same = copy(self)
+        same.wi = self.wi.astype(np.float32).astype(float)
+        return same
+
     @property
     def index(self) -> float:
         """The relative index of what was transmitted; 1 where nothing was refracted."""
@@ -115,25 +124,37 @@ def flip(wo: Floats) -> Floats:
     return np.array([1.0, 1.0, -1.0 if wo[2] < 0 else 1.0])
 
 
-def look(bsdf: Scatterer, wo: Floats, seed: int = 1, effort: Effort | None = None) -> View:
-    """Measure one view. The last classes of the chi-square are delta events and "rejected"."""
+def look(
+    bsdf: Scatterer,
+    wo: Floats,
+    seed: int = 1,
+    effort: Effort | None = None,
+    single: Scatterer | None = None,
+) -> View:
+    """Measure one view. The last classes of the chi-square are delta events and "rejected".
+
+    `single` is the same material in float: its samples are held against the same cells.
+    """
     effort = effort or Effort()
     pilot = Draw(bsdf, wo, min(PILOT, effort.samples), seed + 1000)
     s = Draw(bsdf, wo, effort.samples, seed)
-    mass = _Mass(bsdf, wo, pilot, s, effort)
+    mass = _Mass(bsdf, wo, pilot, effort)
     delta, delta_albedo = delta_events(s)
     integral = float(mass.totals[0])
     expected = np.append(mass.expected, [delta, max(0.0, 1 - integral - delta)]) * s.n
-    rejected = float(np.mean(s.lobe == 0))
-    observed = np.append(mass.observed, [np.count_nonzero(s.sharp), rejected * s.n])
     variance = (np.append(mass.uncertain, [0.0, mass.doubt]) * s.n) ** 2
+    p_float = math.nan
+    # Where rounding the double samples is seen already, float cannot tell the lobe's directions.
+    if single is not None and chi_square_p(expected, mass.count(s.rounded()), variance) > ROUNDED:
+        p_float = chi_square_p(expected, mass.count(Draw(single, wo, s.n, seed + 500)), variance)
     mean_gap, worst_gap = _weight_gap(bsdf, wo, s)
     return View(
         wo=wo,
         samples=s.n,
-        p_value=chi_square_p(expected, observed, variance),
+        p_value=chi_square_p(expected, mass.count(s), variance),
+        p_value_float=p_float,
         integral=integral,
-        rejected=rejected,
+        rejected=float(np.mean(s.lobe == 0)),
         delta=delta,
         uncertain=float(mass.uncertain.sum()),
         albedo=mass.totals[1:] + delta_albedo,
@@ -146,14 +167,13 @@ def look(bsdf: Scatterer, wo: Floats, seed: int = 1, effort: Effort | None = Non
 
 
 class _Mass:
-    """Shares of the density in every cell, expected and observed."""
+    """The shares of the density in every cell, and the samples found there."""
 
-    def __init__(self, bsdf: Scatterer, wo: Floats, pilot: Draw, s: Draw, effort: Effort) -> None:
-        mirror = flip(wo)
+    def __init__(self, bsdf: Scatterer, wo: Floats, pilot: Draw, effort: Effort) -> None:
+        self._mirror = mirror = flip(wo)
         index = pilot.index
         guide = pilot.wi[pilot.dull] * mirror
         density = np.asarray(bsdf.pdf(wo, pilot.wi[pilot.dull]), dtype=float)
-        drawn = s.wi[s.dull] * mirror
 
         def value(wi: Floats) -> Floats:
             pdf = np.asarray(bsdf.pdf(wo, wi * mirror), dtype=float)
@@ -161,24 +181,29 @@ class _Mass:
             energy = np.where(wi[:, 2:] < 0, index**2, 1.0)
             return np.concatenate([pdf[:, None], f * energy], axis=1)
 
-        self.totals = np.zeros(4)
-        self.doubt = 0.0
-        expected, observed, uncertain = [], [], []
+        self._parts: list[tuple[Region, Cells]] = []
+        found = []
         for region in regions(wo * mirror, index):
             mine = region.contains(guide)
             chart = Chart.fitted(region, guide[mine], density[mine])
             share = np.count_nonzero(mine) / max(1, len(guide))
             cells = Cells(chart, guide[mine], round(CELLS * share))
-            found = cells.integrate(value, effort.tolerance, effort.budget)
-            self.totals += found.cells.sum(axis=0)
-            expected.append(found.cells[:, 0])
-            uncertain.append(found.uncertain)
-            self.doubt += found.doubt
+            found.append(cells.integrate(value, effort.tolerance, effort.budget))
+            self._parts.append((region, cells))
+        self.totals = np.sum([part.cells.sum(axis=0) for part in found], axis=0)
+        self.doubt = sum(part.doubt for part in found)
+        self.expected = np.concatenate([part.cells[:, 0] for part in found])
+        self.uncertain = np.concatenate([part.uncertain for part in found])
+
+    def count(self, s: Draw) -> Floats:
+        """Return the samples in every cell, the delta events, and the rejected."""
+        drawn = s.wi[s.dull] * self._mirror
+        counts: list[Any] = []
+        for region, cells in self._parts:
             there = drawn[region.contains(drawn)]
-            observed.append(np.bincount(cells.find(there), minlength=len(cells)))
-        self.expected = np.concatenate(expected)
-        self.observed = np.concatenate(observed).astype(float)
-        self.uncertain = np.concatenate(uncertain)
+            counts.append(np.bincount(cells.find(there), minlength=len(cells)))
+        counts.append([np.count_nonzero(s.sharp), np.count_nonzero(s.lobe == 0)])
+        return np.concatenate(counts).astype(float)
 
 
 def delta_events(s: Draw) -> tuple[float, Floats]:
