@@ -22,6 +22,8 @@ py::object default_of(const ParamInfo& info) {
     switch (info.kind) {
         case ParamKind::kBool:
             return py::bool_(info.default_value != 0.0);
+        case ParamKind::kList:
+            return py::none();  // made from the rows of its objects
         case ParamKind::kEnum:
             return py::cast(info.choices[std::size_t(info.default_value)]);
         default:
@@ -34,22 +36,44 @@ py::object default_of(const ParamInfo& info) {
 py::dict row(const ParamInfo& info, bool alternative) {
     py::dict d;
     const bool number = info.kind == ParamKind::kScalar || info.kind == ParamKind::kColor;
+    const bool ranged = number || info.kind == ParamKind::kList;
     d["name"] = info.name;
     d["kind"] = param_kind_name(info.kind);
     d["default"] = alternative ? py::object(py::none()) : default_of(info);
     d["implied"] = default_of(info);
     d["required"] = info.required;
-    d["min"] = number ? finite_or_none(info.min) : py::object(py::none());
-    d["max"] = number ? finite_or_none(info.max) : py::object(py::none());
+    d["min"] = ranged ? finite_or_none(info.min) : py::object(py::none());
+    d["max"] = ranged ? finite_or_none(info.max) : py::object(py::none());
     d["min_exclusive"] = info.min_exclusive;
     d["unit"] = info.unit;
     d["doc"] = info.doc;
+    d["reason"] = info.reason;
     d["texture"] = number && !info.constant_only;
     d["constant_only"] = info.constant_only;
     if (info.choices.empty())
         d["choices"] = py::none();
     else
         d["choices"] = std::vector<std::string_view>(info.choices.begin(), info.choices.end());
+    return d;
+}
+
+/// The row of a list: `items` are the rows of its objects; its default is as many of them as its
+/// smallest number, each with their defaults.
+py::dict list_row(const ParamInfo& list, const ModelSchema& schema) {
+    const std::string prefix = std::string(list.name) + "/0/";
+    py::list items, objects;
+    py::dict filled;
+    for (ParamInfo info : schema.params) {
+        if (!info.name.starts_with(prefix)) continue;
+        info.name.remove_prefix(prefix.size());
+        items.append(row(info, false));
+        filled[py::str(info.name)] = default_of(info);
+    }
+    for (int k = 0; k < int(list.default_value); ++k) objects.append(filled);
+    py::dict d = row(list, false);
+    d["items"] = items;
+    d["default"] = objects;
+    d["implied"] = objects;
     return d;
 }
 
@@ -95,7 +119,10 @@ py::dict model(const ModelSchema& schema) {
         }
     py::list params;
     for (const ParamInfo& info : schema.params)
-        params.append(row(info, alternatives.contains(info.name)));
+        if (info.kind == ParamKind::kList)
+            params.append(list_row(info, schema));
+        else if (info.name.find('/') == std::string_view::npos)
+            params.append(row(info, alternatives.contains(info.name)));
     d["params"] = params;
     d["exclusive"] = exclusive;
     d["one_of"] = one_of;

@@ -7,6 +7,7 @@
 #include <pybind11/stl.h>
 
 #include <array>
+#include <string>
 
 #include "material/description.h"
 
@@ -51,11 +52,34 @@ inline ParamValue param_value(const pybind11::handle& v) {
     return v.cast<std::array<double, 3>>();
 }
 
+/// A list of dicts: the parameters of its objects under "list/k/name", and its size.
+inline bool is_list_of_dicts(const pybind11::handle& v) {
+    namespace py = pybind11;
+    if (!py::isinstance<py::list>(v)) return false;
+    for (const auto& item : v.cast<py::list>())
+        if (!py::isinstance<py::dict>(item)) return false;
+    return true;
+}
+
 /// Absent and None mean the same: the parameter is not given.
 inline std::map<std::string, ParamValue> param_values(const pybind11::dict& params) {
+    namespace py = pybind11;
     std::map<std::string, ParamValue> values;
-    for (const auto& [key, value] : params)
-        if (!value.is_none()) values[key.cast<std::string>()] = param_value(value);
+    for (const auto& [key, value] : params) {
+        if (value.is_none()) continue;
+        const auto name = key.cast<std::string>();
+        if (!is_list_of_dicts(value)) {
+            values[name] = param_value(value);
+            continue;
+        }
+        int count = 0;
+        for (const auto& item : value.cast<py::list>()) {
+            const std::string prefix = name + "/" + std::to_string(count++) + "/";
+            for (auto& [own, inner] : param_values(item.cast<py::dict>()))
+                values[prefix + own] = inner;
+        }
+        values[name] = ListSize{count};
+    }
     return values;
 }
 

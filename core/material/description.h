@@ -16,15 +16,20 @@ struct TextureRef {
     bool operator==(const TextureRef&) const = default;
 };
 
+/// How many objects a list has; their parameters have the keys "list/k/name".
+struct ListSize {
+    int count = 0;
+};
+
 struct MaterialDescription;
 using NestedDescription = std::shared_ptr<const MaterialDescription>;
 
 using DataRef = std::shared_ptr<const TensorSet>;
 
-/// A number, a linear Rec.709 colour, a word (enum), a flag, a texture, another material, or the
-/// arrays of a file.
+/// A number, a linear Rec.709 colour, a word (enum), a flag, a texture, another material, the
+/// arrays of a file, or the size of a list.
 using ParamValue = std::variant<double, std::array<double, 3>, std::string, bool, TextureRef,
-                                NestedDescription, DataRef>;
+                                NestedDescription, DataRef, ListSize>;
 
 /// Of a nested material only type and params count; its pointer is made from its parent's.
 struct MaterialDescription {

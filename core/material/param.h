@@ -16,7 +16,16 @@ namespace matiere {
 
 inline constexpr double kUnlimited = std::numeric_limits<double>::infinity();
 
-enum class ParamKind : std::uint8_t { kScalar, kColor, kBool, kEnum, kMetal, kMaterial, kFile };
+enum class ParamKind : std::uint8_t {
+    kScalar,
+    kColor,
+    kBool,
+    kEnum,
+    kMetal,
+    kMaterial,
+    kFile,
+    kList
+};
 
 /// The type-erased part of one row.
 struct ParamInfo {
@@ -31,6 +40,7 @@ struct ParamInfo {
     double default_value = 0.0;  ///< colours repeat it; enums: index of the choice
     std::string_view unit;
     std::string_view doc;
+    std::string_view reason;  ///< why the lower bound is where it is
     std::span<const std::string_view> choices;
 };
 
@@ -72,6 +82,11 @@ struct Param {
     constexpr Param unit(std::string_view text) const {
         Param p = *this;
         p.info.unit = text;
+        return p;
+    }
+    constexpr Param because(std::string_view text) const {
+        Param p = *this;
+        p.info.reason = text;
         return p;
     }
     constexpr Param constant_only() const {
@@ -151,6 +166,20 @@ constexpr Param<P, R> flag(std::string_view name, Value<int> P::* member, std::s
     Param<P, R> p;
     p.info.name = name;
     p.info.kind = ParamKind::kBool;
+    p.info.doc = doc;
+    p.info.constant_only = true;
+    p.choice = member;
+    return p;
+}
+
+/// A list of objects with parameters of their own; the member holds how many are given. `range` and
+/// `initially` are of their number. The parameters of object k are rows of the same table, with the
+/// names "list/k/name", which is where errors point.
+template <class P, class R>
+constexpr Param<P, R> list(std::string_view name, Value<int> P::* member, std::string_view doc) {
+    Param<P, R> p;
+    p.info.name = name;
+    p.info.kind = ParamKind::kList;
     p.info.doc = doc;
     p.info.constant_only = true;
     p.choice = member;

@@ -18,8 +18,8 @@ std::string number_text(double v) {
 
 std::string range_text(const ParamInfo& info) {
     const std::string low = (info.min_exclusive ? "above " : "at least ") + number_text(info.min);
-    if (std::isinf(info.max)) return low;
-    return low + " and at most " + number_text(info.max);
+    const std::string high = std::isinf(info.max) ? "" : " and at most " + number_text(info.max);
+    return low + high + (info.reason.empty() ? "" : ": " + std::string(info.reason));
 }
 
 /// Reads the values of one material, with errors that point at the parameter.
@@ -87,7 +87,16 @@ class Reader {
         return rgb;
     }
 
+    int list_size(const ParamInfo& info, const ParamValue& value) const {
+        const auto* size = std::get_if<ListSize>(&value);
+        if (!size)
+            fail("wrong_type", std::string(info.name) + " must be a list of objects", info.name);
+        check_range(info, size->count);
+        return size->count;
+    }
+
     int choice(const ParamInfo& info, const ParamValue& value) const {
+        if (info.kind == ParamKind::kList) return list_size(info, value);
         if (info.kind == ParamKind::kBool) {
             if (const auto* b = std::get_if<bool>(&value)) return *b ? 1 : 0;
             fail("wrong_type", std::string(info.name) + " must be true or false", info.name);
@@ -284,14 +293,17 @@ ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription
     }
     check_nested(reader, recipe);
     for (const Rule& rule : P::rules()) check_rule(reader, rule);
+    const auto with_maxima = [&](P p) {
+        for (const TextureSlot& slot : recipe.slots)
+            apply_slot(p, slot, spectrum_cast<R>(textures[slot.texture].maximum()));
+        return p;
+    };
     if constexpr (requires { M::check(params); })
-        if (const ParamError error = M::check(params); !error.message.empty())
+        if (const ParamError error = M::check(with_maxima(params)); !error.message.empty())
             reader.fail("out_of_range", std::string(error.message), error.param);
     if constexpr (TabulatedModel<M, R>) M::tabulate(params, tables);
     recipe.params = params;
-    for (const TextureSlot& slot : recipe.slots)
-        apply_slot(params, slot, spectrum_cast<R>(textures[slot.texture].maximum()));
-    recipe.made.model = M::prepare(params);
+    recipe.made.model = M::prepare(with_maxima(params));
     return recipe;
 }
 

@@ -37,6 +37,8 @@ std::string_view param_kind_name(ParamKind kind) {
             return "metal";
         case ParamKind::kMaterial:
             return "material";
+        case ParamKind::kList:
+            return "list";
         case ParamKind::kFile:
             return "file";
     }

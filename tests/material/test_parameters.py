@@ -9,7 +9,7 @@ import pytest
 from matiere import _core
 
 ROWS = {row["type"]: row for row in _core.materials()}
-KINDS = {"scalar", "color", "bool", "enum", "metal", "material", "file"}
+KINDS = {"scalar", "color", "bool", "enum", "metal", "material", "file", "list"}
 
 
 def test_the_first_six_models_are_listed() -> None:

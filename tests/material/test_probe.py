@@ -143,7 +143,7 @@ def test_the_material_list_is_whole_plain_and_a_copy() -> None:
     for row in rows:
         assert row["doc"] and row["source"]
         for p in row["params"]:
-            kinds = ("scalar", "color", "bool", "enum", "metal", "material", "file")
+            kinds = ("scalar", "color", "bool", "enum", "metal", "material", "file", "list")
             assert p["doc"] and p["kind"] in kinds, p
     rows[0]["params"].clear()
     assert mt.materials()[0]["params"]

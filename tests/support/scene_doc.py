@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +25,8 @@ def allowed(row: dict[str, Any]) -> str:
         return "material"
     if row["kind"] == "file":
         return "name of a file"
+    if row["kind"] == "list":
+        return f"list of {number(row['min'])} to {number(row['max'])} objects"
     if row["kind"] == "metal":
         return "name of a metal"
     if row["kind"] == "bool":
@@ -45,6 +48,8 @@ def default(row: dict[str, Any]) -> str:
     value = row["implied"]
     if value is None:
         return ""
+    if row["kind"] == "list":
+        return "one"
     return f"`{value}`" if isinstance(value, str) else number(value)
 
 
@@ -58,6 +63,14 @@ def rules(model: dict[str, Any]) -> str:
     return "; ".join(said)
 
 
+def every_row(model: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Yield the rows of a model, those of a list's objects after it."""
+    for row in model["params"]:
+        yield row
+        for item in row.get("items", ()):
+            yield {**item, "name": f"{row['name']}[].{item['name']}"}
+
+
 def tables() -> str:
     """Return the Markdown of all materials."""
     import matiere as mt
@@ -66,7 +79,7 @@ def tables() -> str:
     for model in mt.materials():
         lines = [f"### `{model['type']}`", "", f"{model['doc']} ({model['source']})", ""]
         lines += ["| key | value | default | meaning |", "|---|---|---|---|"]
-        for row in model["params"]:
+        for row in every_row(model):
             cells = (f"`{row['name']}`", allowed(row), default(row), row["doc"])
             lines.append("| " + " | ".join(cells) + " |")
         if text := rules(model):

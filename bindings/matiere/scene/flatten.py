@@ -19,7 +19,7 @@ from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
 from matiere.scene.camera import PinholeCamera, ThinLensCamera
 from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
-from matiere.scene.materials import FileName, MaterialModel, TextureRef
+from matiere.scene.materials import FileName, MaterialModel, ParamNode, TextureRef
 from matiere.scene.measured import Arrays, load_measured
 from matiere.scene.meshes import Files, PlacedMesh, clean, load_mesh
 from matiere.scene.model import SceneModel
@@ -202,11 +202,12 @@ def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None
 
 
 def core_params(
-    material: MaterialModel, textures: Mapping[str, int], files: Mapping[str, Any] | None = None
+    material: ParamNode, textures: Mapping[str, int], files: Mapping[str, Any] | None = None
 ) -> dict[str, Any]:
     """Return the parameters as the core takes them: metals resolved, textures by index.
 
-    A nested material is a dict of its parameters and its `type`; `files` has the arrays of files.
+    A nested material is a dict of its parameters and its `type`, a list is one of dicts; `files`
+    has the arrays of files.
     """
     params: dict[str, Any] = {}
     for name, value in material.params().items():
@@ -215,6 +216,8 @@ def core_params(
             params |= {"eta": tuple(constants["eta"]), "k": tuple(constants["k"])}
         elif isinstance(value, MaterialModel):
             params[name] = {"type": value.type, **core_params(value, textures, files)}
+        elif isinstance(value, tuple) and value and isinstance(value[0], ParamNode):
+            params[name] = [core_params(item, textures, files) for item in value]
         elif isinstance(value, FileName):
             params[name] = ("data", (files or {})[value])
         else:

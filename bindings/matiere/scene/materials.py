@@ -1,13 +1,13 @@
 """Material models made from the core's parameter tables (`_core.materials()`).
 
-A parameter is a number, a colour, a word, a flag, `{"texture": name}` or a material. What the
-core's table says about ranges, defaults and rules is checked here, so that the faults carry their
-place in the scene.
+A parameter is a number, a colour, a word, a flag, `{"texture": name}`, a material or a list of
+objects with parameters of their own. What the core's table says about ranges, defaults and rules is
+checked here, so that the faults carry their place in the scene.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Set
 from functools import lru_cache
 from typing import Annotated, Any, ClassVar, Literal
 
@@ -38,6 +38,9 @@ PROPERTIES = ("emission", "opacity", "two_sided", "priority")
 COMMON = ("type", *PROPERTIES)
 
 
+Places = dict[tuple[str, ...], str]  # of parameters, nested ones too: key, key, ... -> name
+
+
 class TextureRef(Node):
     """A reference to one of the scene's `textures`."""
 
@@ -50,18 +53,10 @@ class FileName(str):
     __slots__ = ()
 
 
-class MaterialModel(Node):
-    """What every material has beside the parameters of its type."""
+class ParamNode(Node):
+    """An object whose keys are parameters of one of the core's tables."""
 
     ROW: ClassVar[Mapping[str, Any]] = {}  # the core's table, set by each made model
-
-    type: str
-    emission: Any = Field(default=(0.0, 0.0, 0.0))
-    opacity: Any = Field(default=1.0)
-    two_sided: bool = Field(True, description="false: the back of an opaque material is black")
-    priority: int = Field(
-        0, ge=-1000, le=1000, description="of the interior: the higher one wins where two overlap"
-    )
 
     @classmethod
     def key_problems(cls, keys: Set[str]) -> Iterable[Line]:
@@ -77,42 +72,59 @@ class MaterialModel(Node):
         """Return every key that has a value: given, by default, or implied by what is absent."""
         values = {name: getattr(self, name) for name in type(self).model_fields}
         given = self.model_fields_set
-        taken = {n for names in self.ROW["exclusive"] if not given.isdisjoint(names) for n in names}
+        exclusive = self.ROW.get("exclusive", ())
+        taken = {n for names in exclusive if not given.isdisjoint(names) for n in names}
         for row in self.ROW["params"]:
             name, implied = row["name"], row.get("implied")
             if values[name] is None and implied is not None and name not in taken:
                 values[name] = color(implied) if row["kind"] == "color" else implied
         return {name: value for name, value in values.items() if value is not None}
 
-    def textures(self) -> dict[tuple[str, ...], str]:
-        """Return place -> texture name for the parameters that are textures, nested ones too."""
-        found: dict[tuple[str, ...], str] = {}
+    def parts(self) -> Iterator[tuple[tuple[str, ...], ParamNode]]:
+        """Yield place and object of every parameter that has parameters of its own."""
         for name in type(self).model_fields:
             value = getattr(self, name)
-            if isinstance(value, TextureRef):
-                found[name,] = value.texture
-            elif isinstance(value, MaterialModel):
-                found |= {(name, *place): t for place, t in value.textures().items()}
+            if isinstance(value, ParamNode):
+                yield (name,), value
+            elif isinstance(value, tuple):
+                items = enumerate(value)
+                yield from (((name, str(k)), v) for k, v in items if isinstance(v, ParamNode))
+
+    def textures(self) -> dict[tuple[str, ...], str]:
+        """Return place -> texture name for the parameters that are textures, nested ones too."""
+        values = ((name, getattr(self, name)) for name in type(self).model_fields)
+        found: Places = {(name,): v.texture for name, v in values if isinstance(v, TextureRef)}
+        for at, part in self.parts():
+            found |= {(*at, *place): texture for place, texture in part.textures().items()}
         return found
 
     def files(self) -> dict[tuple[str, ...], str]:
         """Return place -> file name for the parameters that are files, nested ones too."""
-        found: dict[tuple[str, ...], str] = {}
-        for name in type(self).model_fields:
-            value = getattr(self, name)
-            if isinstance(value, FileName):
-                found[name,] = str(value)
-            elif isinstance(value, MaterialModel):
-                found |= {(name, *place): file for place, file in value.files().items()}
+        values = ((name, getattr(self, name)) for name in type(self).model_fields)
+        found: Places = {(name,): str(v) for name, v in values if isinstance(v, FileName)}
+        for at, part in self.parts():
+            found |= {(*at, *place): file for place, file in part.files().items()}
         return found
 
     def row_of(self, place: tuple[str, ...]) -> Mapping[str, Any]:
         """Return the table row of the parameter at a place that `textures` gave."""
-        if len(place) > 1:
-            nested: MaterialModel = getattr(self, place[0])
-            return nested.row_of(place[1:])
+        for at, part in self.parts():
+            if place[: len(at)] == at:
+                return part.row_of(place[len(at) :])
         rows = (EMISSION_ROW, OPACITY_ROW, *self.ROW["params"])
         return next(row for row in rows if row["name"] == place[0])
+
+
+class MaterialModel(ParamNode):
+    """What every material has beside the parameters of its type."""
+
+    type: str
+    emission: Any = Field(default=(0.0, 0.0, 0.0))
+    opacity: Any = Field(default=1.0)
+    two_sided: bool = Field(True, description="false: the back of an opaque material is black")
+    priority: int = Field(
+        0, ge=-1000, le=1000, description="of the interior: the higher one wins where two overlap"
+    )
 
 
 def scalar_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
@@ -168,7 +180,8 @@ def out_of_range(row: Mapping[str, Any], value: float) -> str | None:
     """Return the sentence for a value outside the row's range, or None."""
     low, high, open_low = row.get("min"), row.get("max"), row.get("min_exclusive", False)
     if low is not None and (value < low or (open_low and value == low)):
-        return f"must be {'greater than' if open_low else 'at least'} {low:g}"
+        why = f" ({row['reason']})" if row.get("reason") else ""
+        return f"must be {'greater than' if open_low else 'at least'} {low:g}{why}"
     if high is not None and value > high:
         return f"must be at most {high:g}"
     return None
@@ -245,10 +258,34 @@ def int_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
     return check
 
 
+def list_param(row: Mapping[str, Any]) -> Callable[[Any], Any]:
+    """Return the validator of a list of objects."""
+    item: Any = _item_model(row)
+    adapter: TypeAdapter[list[ParamNode]] = TypeAdapter(list[item])
+    low, high = int(row["min"]), int(row["max"])
+
+    def check(value: Any) -> Any:
+        if not isinstance(value, list | tuple):
+            raise fault("wrong_type", f"expected a list of objects, got {shown(value)}")
+        if not low <= len(value) <= high:
+            raise fault("wrong_length", f"expected {low} to {high} objects, got {len(value)}")
+        return tuple(adapter.validate_python(list(value)))
+
+    return check
+
+
+def _item_model(row: Mapping[str, Any]) -> type[ParamNode]:
+    fields: dict[str, Any] = {item["name"]: _field(item) for item in row["items"]}
+    name = row["name"].capitalize() + "Item"
+    made = create_model(name, __base__=ParamNode, __doc__=row["doc"], **fields)
+    made.ROW = {"params": row["items"]}
+    return made
+
+
 KINDS: dict[str, Callable[[Mapping[str, Any]], Callable[[Any], Any]]] = {
     "scalar": scalar_param, "color": color_param, "enum": enum_param, "metal": metal_param,
     "bool": bool_param, "int": int_param, "material": material_param,
-    "file": file_param,
+    "file": file_param, "list": list_param,
 }  # fmt: skip
 
 
@@ -263,6 +300,9 @@ def param_schema(row: Mapping[str, Any]) -> dict[str, Any]:
         return {"type": "boolean"}
     if kind == "file":
         return {"type": "string", "minLength": 1}
+    if kind == "list":
+        bounds = {"minItems": int(row["min"]), "maxItems": int(row["max"])}
+        return {"type": "array", "items": _item_model(row).model_json_schema(), **bounds}
     if kind == "material":
         return {"type": "object"}  # `schema` puts the reference to all materials here
     one: dict[str, Any] = {"type": "integer" if kind == "int" else "number"}
@@ -284,6 +324,8 @@ def _default(row: Mapping[str, Any]) -> Any:
         return None
     if row["kind"] == "color":
         return color(list(value) if isinstance(value, tuple) else value)
+    if row["kind"] == "list":
+        return list_param(row)(value)
     return value
 
 

@@ -91,6 +91,10 @@ def _textures_in(material: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
             yield (parameter,), name
         elif "type" in value:
             yield from (((parameter, *place), name) for place, name in _textures_in(value))
+    for parameter, value in material.items():
+        for index, item in enumerate(_list(value)):
+            found = _textures_in(item)
+            yield from (((parameter, index, *place), name) for place, name in found)
 
 
 def _files_in(material: Mapping[str, Any]) -> Iterator[tuple[Place, str]]:
