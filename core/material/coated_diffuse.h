@@ -20,6 +20,9 @@ namespace matiere {
 /// Keeps 0/0 away where a surface reflects everything and its body never shows.
 inline constexpr double kMinBodyDenominator = 1e-7;
 
+/// Largest share of samples for a coat over a body that shows at all.
+inline constexpr double kMostCoat = 0.99;
+
 /// How a diffuse body goes with the lobe above it.
 enum class Coupling : unsigned char {
     kEnergy,  ///< by the directional albedo, as above
@@ -72,7 +75,8 @@ struct CoatedDiffuse {
     R coat_probability(const Spectrum<R>& E_o, const Spectrum<R>& through_o) const {
         const R surface = E_o.average();
         const R below = through_o.average() * body_share;
-        return surface + below > R(0) ? surface / (surface + below) : R(1);
+        if (!(below > R(0))) return R(1);
+        return std::min(surface / (surface + below), R(kMostCoat));
     }
 
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {

@@ -5,6 +5,7 @@
 #include <utility>
 #include <variant>
 
+#include "material/models/blinn_phong.h"
 #include "material/models/conductor.h"
 #include "material/models/cook_torrance.h"
 #include "material/models/dielectric.h"
@@ -41,7 +42,8 @@ using ModelList = TypeList<
     Mirror<R>,
     Mix<R>,
     NullModel<R>,
-    OrenNayar<R>
+    OrenNayar<R>,
+    BlinnPhong<R>
 >;
 // clang-format on
 

@@ -58,6 +58,14 @@ struct FresnelTerm {
         return {};
     }
 
+    /// The same with 1 - cos_theta from whoever knows it better: all that Schlick's law sees near
+    /// normal incidence where F0 is 0.
+    Spectrum<R> operator()(R cos_theta, R versed) const {
+        if (kind != Kind::kSchlick) return (*this)(cos_theta);
+        const R w = sqr(versed * versed) * versed;
+        return a * (R(1) - w) + Spectrum<R>(w);
+    }
+
     /// Whether reflectance is linear in the three terms (1, (1-c)^5, c (1-c)^6): then one table of
     /// directional albedo serves every F0, textures included.
     bool is_linear() const {

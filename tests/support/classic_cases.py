@@ -2,11 +2,44 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+HALF_VECTOR_TYPES = ("blinn_phong", "ashikhmin_shirley", "ward", "schlick")
+COURSE = {"normalization": "course"}
 CLASSIC: tuple[tuple[str, dict[str, Any]], ...] = (
     ("oren_nayar", {"albedo": 1.0, "roughness": 0.0}),
     ("oren_nayar", {"albedo": 1.0, "roughness": 1e-6}),
     ("oren_nayar", {"albedo": 1.0, "roughness": 0.3}),
     ("oren_nayar", {"albedo": [1.0, 0.5, 0.01], "roughness": 1.0}),
+    ("blinn_phong", {"diffuse": 0.0, "specular": 1.0, "exponent": 0}),
+    ("blinn_phong", {"diffuse": 0.0, "specular": 1.0, "exponent": 1}),
+    ("blinn_phong", {"diffuse": 1.0, "specular": [0.9, 0.5, 0.1], "exponent": 10}),
+    ("blinn_phong", {"diffuse": 1.0, "specular": 1.0, "exponent": 1e3}),
+    ("blinn_phong", {"diffuse": 0.5, "specular": 0.5, "exponent": 1e5, "coupling": "add"}),
+    ("blinn_phong", {"diffuse": 0.0, "specular": 1.0, "exponent": 1e7}),
+    ("blinn_phong", {"diffuse": 0.2, "specular": 1.0, "exponent": 1e8}),
+    ("blinn_phong", {"diffuse": 0.5, "specular": 0.5, "exponent": 30, **COURSE}),
 )
+
+
+def gains(kind: str, params: Mapping[str, Any]) -> bool:
+    """Say whether a case is one of the named variants that do not conserve energy."""
+    if kind == "schlick":
+        return params.get("variant") == "schlick94" and len(params.get("layers", ())) == 2
+    ward = kind == "ward" and params.get("variant", "gmd") != "gmd"
+    return ward or params.get("normalization") == "course"
+
+
+def width(params: Mapping[str, Any]) -> float:
+    """Return the width of the narrowest lobe of exponents or layers; 1 where there are none."""
+    exponents = [float(params[k]) for k in ("exponent", "nu", "nv") if k in params]
+    widths = [(2 / (n + 2)) ** 0.5 for n in exponents]
+    widths += [(float(x["r"]) * x.get("p", 1.0)) ** 0.5 for x in params.get("layers", ())]
+    return min((w for w in widths if w > 0), default=1.0)
+
+
+def is_slanting(params: Mapping[str, Any]) -> bool:
+    """Say whether the lobe is not round."""
+    layers = params.get("layers", ())
+    return params.get("nu") != params.get("nv") or any(x.get("p", 1.0) != 1.0 for x in layers)

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import measured_files
-from classic_cases import CLASSIC
+from classic_cases import CLASSIC, HALF_VECTOR_TYPES, gains, is_slanting, width
 
 from matiere import _core
 
@@ -36,7 +36,17 @@ class Case:
 
     @property
     def anisotropic(self) -> bool:
-        return "alpha_x" in self.params
+        return "alpha_x" in self.params or is_slanting(self.params)
+
+    @property
+    def wasteful(self) -> bool:
+        """Lobes sampled through half vectors lose samples: their means need more of them."""
+        return self.type in HALF_VECTOR_TYPES
+
+    @property
+    def conserving(self) -> bool:
+        """False for the named legacy variants, whose gain is printed."""
+        return not gains(self.type, self.params)
 
     @property
     def interface(self) -> bool:
@@ -80,9 +90,8 @@ class Case:
             return min(part.alpha for part in self.parts)
         if "roughness" in p:
             return float(p["roughness"]) ** 2
-        if "exponent" in p:
-            return float((2 / (p["exponent"] + 2)) ** 0.5)
-        return float(min(p.get("alpha_x", 1.0), p.get("alpha_y", 1.0), p.get("alpha", 1.0)))
+        alphas = (p.get("alpha_x", 1.0), p.get("alpha_y", 1.0), p.get("alpha", 1.0))
+        return float(min(*alphas, width(p)))
 
     def lobe_width(self, cos_theta: float) -> float:
         """Return the angle [rad] of the narrowest lobe seen at a cosine, 1 where none is narrow."""
