@@ -5,6 +5,7 @@
 #include <utility>
 #include <variant>
 
+#include "material/models/ashikhmin_shirley.h"
 #include "material/models/blinn_phong.h"
 #include "material/models/conductor.h"
 #include "material/models/cook_torrance.h"
@@ -43,7 +44,8 @@ using ModelList = TypeList<
     Mix<R>,
     NullModel<R>,
     OrenNayar<R>,
-    BlinnPhong<R>
+    BlinnPhong<R>,
+    AshikhminShirley<R>
 >;
 // clang-format on
 

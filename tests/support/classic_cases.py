@@ -20,6 +20,18 @@ CLASSIC: tuple[tuple[str, dict[str, Any]], ...] = (
     ("blinn_phong", {"diffuse": 0.0, "specular": 1.0, "exponent": 1e7}),
     ("blinn_phong", {"diffuse": 0.2, "specular": 1.0, "exponent": 1e8}),
     ("blinn_phong", {"diffuse": 0.5, "specular": 0.5, "exponent": 30, **COURSE}),
+    ("ashikhmin_shirley", {"diffuse": 0.0, "F0": 1.0, "nu": 0, "nv": 0}),
+    ("ashikhmin_shirley", {"diffuse": 1.0, "F0": 0.04, "nu": 1, "nv": 1}),
+    ("ashikhmin_shirley", {"diffuse": 1.0, "F0": [0.9, 0.5, 0.1], "nu": 10, "nv": 1000}),
+    ("ashikhmin_shirley", {"diffuse": 0.0, "F0": 1.0, "nu": 1e5, "nv": 0}),
+    ("ashikhmin_shirley", {"diffuse": 0.0, "F0": 0.5, "nu": 1e7, "nv": 1e7}),
+    ("ashikhmin_shirley", {"diffuse": 1.0, "F0": 0.5, "nu": 1e8, "nv": 1e8}),
+    (
+        "ashikhmin_shirley",
+        {"diffuse": 1.0, "F0": 0.05, "nu": 10, "nv": 200, "coupling": "paper", "rotation_deg": 30},
+    ),
+    ("ashikhmin_shirley", {"diffuse": 0.3, "F0": 0.1, "nu": 50, "nv": 50, "coupling": "add"}),
+    ("ashikhmin_shirley", {"diffuse": 0.5, "F0": 0.5, "nu": 10, "nv": 100, **COURSE}),
 )
 
 
