@@ -19,6 +19,7 @@
 #include "material/models/oren_nayar.h"
 #include "material/models/plastic.h"
 #include "material/models/thin_dielectric.h"
+#include "material/models/ward.h"
 
 namespace matiere {
 
@@ -45,7 +46,8 @@ using ModelList = TypeList<
     NullModel<R>,
     OrenNayar<R>,
     BlinnPhong<R>,
-    AshikhminShirley<R>
+    AshikhminShirley<R>,
+    Ward<R>
 >;
 // clang-format on
 

@@ -32,6 +32,17 @@ CLASSIC: tuple[tuple[str, dict[str, Any]], ...] = (
     ),
     ("ashikhmin_shirley", {"diffuse": 0.3, "F0": 0.1, "nu": 50, "nv": 50, "coupling": "add"}),
     ("ashikhmin_shirley", {"diffuse": 0.5, "F0": 0.5, "nu": 10, "nv": 100, **COURSE}),
+    ("ward", {"diffuse": 0.0, "specular": 1.0, "alpha": 0.0}),
+    ("ward", {"diffuse": 1.0, "specular": 0.3, "alpha": 0.0}),
+    ("ward", {"diffuse": 0.0, "specular": 1.0, "alpha": 1e-5}),
+    ("ward", {"diffuse": 0.0, "specular": 1.0, "alpha": 1e-3}),
+    ("ward", {"diffuse": 1.0, "specular": [0.9, 0.5, 0.1], "alpha": 0.1}),
+    ("ward", {"diffuse": 0.0, "specular": 1.0, "alpha": 1.0}),
+    ("ward", {"diffuse": 1.0, "specular": 1.0, "alpha_x": 0.1, "alpha_y": 0.5}),
+    ("ward", {"diffuse": 0.0, "specular": 1.0, "alpha_x": 1e-3, "alpha_y": 0.3}),
+    ("ward", {"diffuse": 0.4, "specular": 0.6, "alpha": 0.2, "coupling": "add"}),
+    ("ward", {"diffuse": 0.5, "specular": 0.5, "alpha": 0.3, "variant": "duer"}),
+    ("ward", {"diffuse": 0.5, "specular": 0.5, "alpha": 0.5, "variant": "ward"}),
 )
 
 
