@@ -18,6 +18,7 @@
 #include "material/models/null.h"
 #include "material/models/oren_nayar.h"
 #include "material/models/plastic.h"
+#include "material/models/schlick.h"
 #include "material/models/thin_dielectric.h"
 #include "material/models/ward.h"
 
@@ -47,7 +48,8 @@ using ModelList = TypeList<
     OrenNayar<R>,
     BlinnPhong<R>,
     AshikhminShirley<R>,
-    Ward<R>
+    Ward<R>,
+    Schlick<R>
 >;
 // clang-format on
 

@@ -7,6 +7,7 @@ from typing import Any
 
 HALF_VECTOR_TYPES = ("blinn_phong", "ashikhmin_shirley", "ward", "schlick")
 COURSE = {"normalization": "course"}
+OLD = {"variant": "schlick94"}
 CLASSIC: tuple[tuple[str, dict[str, Any]], ...] = (
     ("oren_nayar", {"albedo": 1.0, "roughness": 0.0}),
     ("oren_nayar", {"albedo": 1.0, "roughness": 1e-6}),
@@ -43,6 +44,18 @@ CLASSIC: tuple[tuple[str, dict[str, Any]], ...] = (
     ("ward", {"diffuse": 0.4, "specular": 0.6, "alpha": 0.2, "coupling": "add"}),
     ("ward", {"diffuse": 0.5, "specular": 0.5, "alpha": 0.3, "variant": "duer"}),
     ("ward", {"diffuse": 0.5, "specular": 0.5, "alpha": 0.5, "variant": "ward"}),
+    ("schlick", {"layers": [{"C": 0.3, "r": 0.0}]}),
+    ("schlick", {"layers": [{"C": 1.0, "r": 1e-12}]}),
+    ("schlick", {"layers": [{"C": 1.0, "r": 1e-6}]}),
+    ("schlick", {"layers": [{"C": 0.0, "r": 0.3, "p": 0.2}]}),
+    ("schlick", {"layers": [{"C": [1.0, 0.5, 0.0], "r": 0.5, "p": 1e-3}]}),
+    ("schlick", {"layers": [{"C": 1.0, "r": 0.8}]}),
+    ("schlick", {"layers": [{"C": 0.04, "r": 0.0}, {"C": 1.0, "r": 1.0}]}),
+    ("schlick", {"layers": [{"C": 0.04, "r": 0.05, "p": 0.1}, {"C": 1.0, "r": 0.6}]}),
+    ("schlick", {"layers": [{"C": 0.5, "r": 0.9}, {"C": 1.0, "r": 0.1, "p": 0.3}]}),
+    ("schlick", {"layers": [{"C": 1.0, "r": 0.1, "p": 0.5}], **OLD}),
+    ("schlick", {"layers": [{"C": 1.0, "r": 1e-3, "p": 0.05}], **OLD}),
+    ("schlick", {"layers": [{"C": 0.04, "r": 0.1}, {"C": 1.0, "r": 1.0}], **OLD}),
 )
 
 
