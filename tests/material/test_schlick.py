@@ -192,3 +192,28 @@ def test_schlick_matches_fifty_digits(variant: str, r: float, p: float, C: float
     b = schlick(layer(par["C"], par["r"], par["p"]), precision="float", variant=variant)
     for wo, wi in sampled_pairs(b, 4):
         check(b.eval(wo, wi)[0, 0], lambda *x: value(par, x), wo, wi, par)
+
+
+def scene(layers: Any) -> dict[str, Any]:
+    return {
+        "version": 1,
+        "camera": {"type": "pinhole", "origin": [0, 0, 5], "target": [0, 0, 0], "vfov_deg": 30},
+        "film": {"width": 8, "height": 8},
+        "materials": {"ball": {"type": "schlick", "layers": layers}},
+        "shapes": [{"type": "sphere", "center": [0, 0, 0], "radius": 1, "material": "ball"}],
+        "environment": {"radiance": 1},
+    }
+
+
+def test_a_scene_names_textures_inside_layers() -> None:
+    with pytest.raises(mt.SceneValidationError) as caught:
+        mt.load(scene([{"r": 0.2}, {"C": {"texture": "wood"}}]))
+    (fault,) = caught.value.faults
+    assert fault.code == "unknown_texture"
+    assert fault.pointer == "/materials/ball/layers/1/C/texture"
+
+
+def test_defaults_of_layers_do_not_change_the_digest() -> None:
+    written = mt.load(scene([{"C": 0.5, "r": 0.1, "p": 1}])).digest
+    assert mt.load(scene([{"C": [0.5, 0.5, 0.5], "r": 0.1}])).digest == written
+    assert mt.load(scene([{"C": 0.5, "r": 0.2}])).digest != written
