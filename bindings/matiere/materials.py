@@ -23,10 +23,11 @@ def materials() -> list[dict[str, Any]]:
     list of rows; and the rules that tie parameters together: `exclusive` (at most one of these
     names), `one_of` (at least one), `together` (all or none), `requires` (the first only with the
     second). A row has `name`; `kind` (scalar, color, bool, enum, metal, material, file, list);
-    `default` (filled in when absent); `implied` (what absence means where several names say the same thing); `required`;
-    `min`, `max`, `min_exclusive` (null: unlimited; of a list: how many objects); `reason` of the
-    lower bound; `unit`; `doc`; `texture` (may be one); `constant_only`; `choices` (of an enum);
-    `items` (of a list: the rows of its objects). `GET /v1/materials` serves the same list.
+    `default` (filled in when absent); `implied` (what absence means where several names say the
+    same thing); `required`; `min`, `max`, `min_exclusive` (null: unlimited; of a list: how many
+    objects); `reason` of the lower bound; `unit`; `doc`; `texture` (may be one); `constant_only`;
+    `choices` (of an enum); `items` (of a list: the rows of its objects). `GET /v1/materials` serves
+    the same list.
     """
     return deepcopy(list(_rows()))
 
