@@ -70,12 +70,16 @@ int add_texture(RenderDescription& d, const Array<float>& pixels, const std::str
 
 int add_material(RenderDescription& d, const std::string& type, const py::dict& params,
                  const py::object& emission, const py::object& opacity, bool two_sided,
-                 int priority, const std::string& name, const std::string& pointer) {
+                 int priority, const std::string& name, const std::string& pointer,
+                 const py::dict& maps) {
     MaterialDescription m;
     m.type = type;
     m.params = param_values(params);
     if (!emission.is_none()) m.emission = param_value(emission);
     if (!opacity.is_none()) m.opacity = param_value(opacity);
+    if (maps.contains("normal_map")) m.normal_map = maps["normal_map"].cast<int>();
+    if (maps.contains("bump_map")) m.bump_map = maps["bump_map"].cast<int>();
+    if (maps.contains("bump_height")) m.bump_height = maps["bump_height"].cast<double>();
     m.two_sided = two_sided;
     m.priority = priority;
     m.name = name;
@@ -126,7 +130,7 @@ void bind_description(py::module_& m) {
         .def("add_material", &add_material, py::arg("type"), py::arg("params"),
              py::arg("emission") = py::none(), py::arg("opacity") = py::none(),
              py::arg("two_sided") = true, py::arg("priority") = 0, py::arg("name") = "",
-             py::arg("pointer") = "")
+             py::arg("pointer") = "", py::arg("maps") = py::dict())
         .def("add_mesh", &add_mesh, py::arg("positions"), py::arg("triangles"),
              py::arg("normals") = py::none(), py::arg("uv") = py::none(), py::arg("material") = 0,
              py::arg("name") = "", py::arg("pointer") = "")

@@ -1,7 +1,7 @@
 """Compare the methods of `layered` and write docs/layered-gap.md with its map.
 
-    python examples/make_layered_gap.py                    # the page and docs/images/layered-gap.svg
-    python examples/make_layered_gap.py material.json      # one layered material: a table on stdout
+    python examples/make_layered_gap.py                 # docs/layered-gap.md and its picture
+    python examples/make_layered_gap.py material.json   # one layered material: a table on stdout
 
 The gap is that of the directional albedo: one corrected pass (`weidlich_wilkie`) against the random
 walk (`walk`), which counts every bounce. Each figure is the largest over the viewing angles.
@@ -169,11 +169,16 @@ def page(found: Map, n: int) -> str:
         "```sh", "python examples/make_layered_gap.py material.json   # the same for your coat",
         "```", "",
         "`layered` with `method: weidlich_wilkie` follows light once down to the base and once up",
-        "again; `method: walk` follows it until it leaves. The map shows by how much the directional",
-        "albedo of the first differs from that of the second, at the worst of 0, 30, 60 and 75",
-        f"degrees, from {n:,} samples a view (standard error of a figure: mostly below 0.5 %).",
+        "again; `method: walk` follows it until it leaves. The map shows by how much the",
+        "directional albedo of the first differs from that of the second, at the worst of 0, 30,",
+        f"60 and 75 degrees, from {n:,} samples a view (standard error of a figure: mostly below",
+        "1 %).",
         "Negative: the one pass is too dark. Where its colour says 1 or 5 %, use it; elsewhere use",
         "`walk`, or `exact` for a smooth coat over Lambert, which equals the walk.", "",
+        "The one pass counts no light that is reflected down again from below the surface, which",
+        "makes it too dark over bright bases, and refracts at the mean surface, which lets the",
+        "wrong share through a rough coat. At great depth only the surface is seen.",
+        "",
         "| base | coats compared | within 1 % | within 5 % | within 20 % | worst |",
         "|---|---|---|---|---|---|",
     ]  # fmt: skip

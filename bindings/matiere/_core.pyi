@@ -73,6 +73,7 @@ class RenderDescription:
         priority: int = ...,
         name: str = ...,
         pointer: str = ...,
+        maps: dict[str, float] = ...,
     ) -> int: ...
     def add_mesh(
         self,

@@ -37,6 +37,9 @@ struct MaterialDescription {
     std::map<std::string, ParamValue> params;
     ParamValue emission = 0.0;  ///< radiance [W/m^2/sr]; number, colour or texture
     ParamValue opacity = 1.0;   ///< share of the surface that is there; number or texture
+    int normal_map = -1;        ///< texture of tangent-space normals; -1: none
+    int bump_map = -1;          ///< texture of heights; -1: none
+    double bump_height = 0.01;  ///< height of the texture's 1 [m]
     bool two_sided = true;      ///< opaque models: scatter on both sides; else the back is black
     int priority = 0;           ///< interiors: the higher priority wins where two overlap
     std::string name;

@@ -5,6 +5,7 @@
 #include <variant>
 
 #include "base/error.h"
+#include "material/normal_map.h"
 
 namespace matiere {
 namespace {
@@ -72,6 +73,21 @@ void read_opacity(const MaterialDescription& d, const TextureTable& textures, Ma
     if (low < 1.0F) r.lobes |= kNullLobes;
 }
 
+void read_maps(const MaterialDescription& d, const TextureTable& textures, MaterialRecord& r) {
+    const auto known = [&](int index, const char* name) {
+        if (index >= textures.size())
+            throw SceneError("unknown_texture",
+                             std::string(name) + " names a texture that does not exist",
+                             d.pointer + "/" + name);
+        return index;
+    };
+    r.normal_map = known(d.normal_map, "normal_map");
+    r.bump_map = known(d.bump_map, "bump_map");
+    r.bump_height = float(d.bump_height);
+    if (!std::isfinite(r.bump_height))
+        throw SceneError("out_of_range", "bump_height must be finite", d.pointer + "/bump_height");
+}
+
 MaterialRecord make_record(const MaterialDescription& d, const TextureTable& textures,
                            TableStore<float>& tables) {
     MaterialRecord r;
@@ -91,6 +107,7 @@ MaterialRecord make_record(const MaterialDescription& d, const TextureTable& tex
         });
     read_emission(d, textures, r);
     read_opacity(d, textures, r);
+    read_maps(d, textures, r);
     r.delta_only = (r.lobes & (kDiffuse | kGlossy)) == 0;
     if (r.recipe.textured()) r.features |= kFeatureTextured;
     if (r.emissive) r.features |= kFeatureEmission;
@@ -120,6 +137,14 @@ float MaterialTable::opacity(int material, Vec2f uv) const {
     return r.opacity_texture < 0 ? r.opacity : (*textures_)[r.opacity_texture].lookup(uv)[0];
 }
 
+Vec3f MaterialTable::shading_normal(int material, const SurfacePoint& point) const {
+    const MaterialRecord& r = (*this)[material];
+    Vec3f n = point.n_s;
+    if (r.normal_map >= 0) n = map_normal((*textures_)[r.normal_map], point, n);
+    if (r.bump_map >= 0) n = bump_normal((*textures_)[r.bump_map], r.bump_height, point, n);
+    return n;
+}
+
 float MaterialTable::pass_through(int material, Vec2f uv) const {
     const MaterialRecord& r = (*this)[material];
     if (!r.passes) return 0.0F;
@@ -138,7 +163,8 @@ Bsdf::Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, 
     : n_g_(point.n_g), material_(material) {
     const MaterialRecord& record = table[material];
     const bool interface = (record.features & kFeatureTransmission) != 0;
-    Vec3f n_s = point.n_s;
+    const bool mapped = record.normal_map >= 0 || record.bump_map >= 0;
+    Vec3f n_s = mapped ? table.shading_normal(material, point) : point.n_s;
     if (dot(wo, n_g_) < 0.0F) {
         n_g_ = -n_g_;
         n_s = -n_s;

@@ -24,14 +24,16 @@ struct MaterialRecord {
     int priority = 0;
     Spectrumf eta_interior{1.0F};  ///< index of the medium inside, per lane
     bool dispersive = false;       ///< the lanes of eta_interior differ
-    Spectrumf sigma_a;          ///< absorption of the medium inside [1/m]
+    Spectrumf sigma_a;             ///< absorption of the medium inside [1/m]
     Spectrumf emission;  ///< radiance emitted where opaque; the texture's mean where textured
-    int emission_texture = -1;   ///< -1: constant
-    float opacity = 1.0F;        ///< share of the surface that is there; the mean where textured
-    int opacity_texture = -1;    ///< -1: constant
-    bool passes = false;         ///< may let light straight through (opacity, null parts)
-    std::uint32_t features = 0;  ///< ModelFeature bits
-    std::uint8_t lobes = 0;      ///< Lobe bits; all that may occur where textured
+    int emission_texture = -1;  ///< -1: constant
+    float opacity = 1.0F;       ///< share of the surface that is there; the mean where textured
+    int opacity_texture = -1;   ///< -1: constant
+    int normal_map = -1, bump_map = -1;  ///< textures; -1: none
+    float bump_height = 0.0F;            ///< [m]
+    bool passes = false;                 ///< may let light straight through (opacity, null parts)
+    std::uint32_t features = 0;          ///< ModelFeature bits
+    std::uint8_t lobes = 0;              ///< Lobe bits; all that may occur where textured
     ModelRecipe<float> recipe;
 };
 
@@ -51,6 +53,8 @@ class MaterialTable {
         return (*this)[material].emission * (*this)[material].opacity;
     }
     float opacity(int material, Vec2f uv) const;
+    /// The shading normal with the material's normal and bump maps, on the outside.
+    Vec3f shading_normal(int material, const SurfacePoint& point) const;
     /// Share of light that a surface lets straight through at a point, at every angle.
     float pass_through(int material, Vec2f uv) const;
 

@@ -205,7 +205,11 @@ SurfaceHit Scene::triangle_surface(const Mesh& mesh, const RayHit& hit) const {
         s.point.uv = t0 * w0 + t1 * w1 + t2 * w2;
         const Vec2f d1 = t1 - t0, d2 = t2 - t0;
         const float det = difference_of_products(d1.x, d2.y, d1.y, d2.x);
-        if (det != 0) s.point.dpdu = (e1 * d2.y - e2 * d1.y) * std::copysign(1.0F, det);
+        if (det != 0) {
+            s.point.dpdu = (e1 * d2.y - e2 * d1.y) * std::copysign(1.0F, det);
+            s.point.dpdv = (e2 * d1.x - e1 * d2.x) * std::copysign(1.0F, det);
+            s.point.uv_scale = 1 / std::abs(det);
+        }
     }
     return s;
 }
@@ -226,6 +230,9 @@ SurfaceHit Scene::sphere_surface(const Ray& ray, const RayHit& hit) const {
     s.point.uv = {phi < 0 ? phi * (0.5F * kInvPi<float>)+1 : phi * (0.5F * kInvPi<float>),
                   1 - theta * kInvPi<float>};
     s.point.dpdu = {n.z, 0, -n.x};
+    const float sine = std::sqrt(n.x * n.x + n.z * n.z);
+    if (sine > 0) s.point.dpdv = Vec3f{-n.x * n.y / sine, sine, -n.z * n.y / sine} * 0.5F;
+    s.point.uv_scale = kTwoPi<float> * sphere.radius;
     return s;
 }
 

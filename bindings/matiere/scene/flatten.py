@@ -229,6 +229,17 @@ def _core_value(value: Any, textures: Mapping[str, int]) -> Any:
     return ("texture", textures[value.texture]) if isinstance(value, TextureRef) else value
 
 
+def _maps(material: MaterialModel, textures: Mapping[str, int]) -> dict[str, Any]:
+    """Return the argument for the normal and bump maps; none for a material without."""
+    maps: dict[str, float] = {}
+    if material.normal_map is not None:
+        maps["normal_map"] = textures[material.normal_map.texture]
+    if material.bump_map is not None:
+        maps |= {"bump_map": textures[material.bump_map.texture]}
+        maps |= {"bump_height": material.bump_height}
+    return {"maps": maps} if maps else {}
+
+
 def _add_materials(model: SceneModel, work: _Work) -> None:
     for name, material in model.materials.items():
         work.materials[name] = work.description.add_material(
@@ -240,6 +251,7 @@ def _add_materials(model: SceneModel, work: _Work) -> None:
             priority=material.priority,
             name=name,
             pointer=pointer("materials", name),
+            **_maps(material, work.textures),
         )
 
 

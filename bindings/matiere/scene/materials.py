@@ -34,7 +34,9 @@ TEXTURE_SCHEMA: dict[str, Any] = {
     "additionalProperties": False,
 }
 # What the surface has whatever its model; only the outermost of nested materials has them.
-PROPERTIES = ("emission", "opacity", "two_sided", "priority")
+PROPERTIES = (
+    "emission", "opacity", "normal_map", "bump_map", "bump_height", "two_sided", "priority"
+)  # fmt: skip
 COMMON = ("type", *PROPERTIES)
 
 
@@ -45,6 +47,17 @@ class TextureRef(Node):
     """A reference to one of the scene's `textures`."""
 
     texture: str = Field(min_length=1, description="a key of `textures`")
+
+
+def _map(value: Any) -> TextureRef:
+    if isinstance(value, TextureRef):
+        return value
+    if not isinstance(value, Mapping):
+        raise fault("wrong_type", f'expected {{"texture": name}}, got {shown(value)}')
+    return TextureRef.model_validate(value)
+
+
+MapRef = Annotated[TextureRef, PlainValidator(_map), WithJsonSchema(TEXTURE_SCHEMA)]
 
 
 class FileName(str):
@@ -111,7 +124,7 @@ class ParamNode(Node):
         for at, part in self.parts():
             if place[: len(at)] == at:
                 return part.row_of(place[len(at) :])
-        rows = (EMISSION_ROW, OPACITY_ROW, *self.ROW["params"])
+        rows = (EMISSION_ROW, OPACITY_ROW, *MAP_ROWS, *self.ROW["params"])
         return next(row for row in rows if row["name"] == place[0])
 
 
@@ -121,6 +134,13 @@ class MaterialModel(ParamNode):
     type: str
     emission: Any = Field(default=(0.0, 0.0, 0.0))
     opacity: Any = Field(default=1.0)
+    normal_map: MapRef | None = Field(
+        None, description="texture of tangent-space normals, n = 2 rgb - 1, x along u, y along v"
+    )
+    bump_map: MapRef | None = Field(None, description="texture of heights, first channel")
+    bump_height: float = Field(
+        0.01, ge=-1e6, le=1e6, description="height of the bump map's value 1, metres"
+    )
     two_sided: bool = Field(True, description="false: the back of an opaque material is black")
     priority: int = Field(
         0, ge=-1000, le=1000, description="of the interior: the higher one wins where two overlap"
@@ -371,6 +391,9 @@ OPACITY_ROW: dict[str, Any] = {
     "name": "opacity", "kind": "scalar", "min": 0.0, "max": 1.0, "default": 1.0,
     "doc": "share of the surface that is there; the rest lets light straight through",
 }  # fmt: skip
+
+# Numbers as they are, not colours: an sRGB texture is refused.
+MAP_ROWS = ({"name": "normal_map", "kind": "scalar"}, {"name": "bump_map", "kind": "scalar"})
 
 
 def _make(row: Mapping[str, Any]) -> type[MaterialModel]:

@@ -1,8 +1,7 @@
 // A coat (varnish, lacquer, glaze) over any other opaque material; coats over coats by nesting. The
 // base scatters as it is, under directions refracted into the coat. Methods:
 //   walk             every bounce between surface and base, by an unbiased random walk: the
-//                    reference (Guo, Hasan & Zhao 2018). Each evaluation is an estimate. A rough
-//                    surface scatters once per meeting: what hits a second facet is lost.
+//                    reference (Guo, Hasan & Zhao 2018). Each evaluation is an estimate.
 //   weidlich_wilkie  one pass down and up (Weidlich & Wilkie 2007): f = f_coat + T(o) T(i) a(o)
 //                    a(i) f_base(o', i') / eta^2. With the 1 / eta^2 and the density's Jacobian
 //                    that the paper lacks, refraction at the mean surface, and without its
@@ -36,7 +35,8 @@ struct Layered {
         Value<R> eta, thickness;
         Value<Spectrum<R>> sigma_a;
         Value<int> method;
-        Spectrum<R> returned;  ///< r of the closed form
+        Spectrum<R> returned;                   ///< r of the closed form
+        typename Dielectric<R>::Params walked;  ///< the surface as walks see it, with its tables
 
         static constexpr auto table() {
             return join(
@@ -58,7 +58,10 @@ struct Layered {
                         .unit("m"),
                     choice<Params, R>("method", &Params::method, kLayerMethodNames,
                                       "How light between surface and base is counted.")
-                        .initially(0)},
+                        .initially(0),
+                    flag<Params, R>("multiscatter", &Params::multiscatter,
+                                    "Walks count light that meets several facets of the surface.")
+                        .initially(1)},
                 AlphaParams<R>::template rows<Params>(0.0));
         }
         static constexpr auto rules() {
@@ -78,7 +81,9 @@ struct Layered {
     static ParamError check(const Params& p) {
         if ((p.base.v.lobes() & kTransmission) != 0)
             return {"base", "what lies under a coat must not let light through"};
-        if (LayerMethod(p.method.v) != LayerMethod::kExact) return p.check_shape();
+        if (LayerMethod(p.method.v) == LayerMethod::kWalk)
+            return Dielectric<R>::check(surface_params(p));
+        if (LayerMethod(p.method.v) == LayerMethod::kWeidlichWilkie) return p.check_shape();
         if (p.base.v.name() != "lambert")
             return {"method", "exact is for a lambert base; use walk for others"};
         if (p.any_textured() || p.alphas().x > R(0) || p.alphas().y > R(0))
@@ -87,16 +92,15 @@ struct Layered {
             return {"method", "exact takes a constant sigma_a and thickness; use walk"};
         return {};
     }
-    static void tabulate(Params& p, TableStore<R>&) {
+    static void tabulate(Params& p, TableStore<R>& store) {
+        p.walked = surface_params(p);
+        if (LayerMethod(p.method.v) == LayerMethod::kWalk) Dielectric<R>::tabulate(p.walked, store);
         if (LayerMethod(p.method.v) == LayerMethod::kExact)
             p.returned =
                 p.tau().map([&](R t) { return R(coat_return(double(p.eta.v), double(t))); });
     }
     static Layered prepare(const Params& p) {
-        typename Dielectric<R>::Params surface;
-        static_cast<AlphaParams<R>&>(surface) = p;
-        surface.eta.v = Spectrum<R>(p.eta.v);
-        const Dielectric<R> d = Dielectric<R>::prepare(surface);
+        const Dielectric<R> d = Dielectric<R>::prepare(surface_params(p));
         const MicrofacetLobe<R> lobe{p.microfacet(),
                                      FresnelTerm<R>::dielectric(Spectrum<R>(p.eta.v))};
         return {{d.at_interface(p.eta.v), d.at_interface(R(1) / p.eta.v), lobe, p.tau()},
@@ -153,6 +157,13 @@ struct Layered {
     }
 
  private:
+    static typename Dielectric<R>::Params surface_params(const Params& p) {
+        typename Dielectric<R>::Params surface = p.walked;
+        static_cast<AlphaParams<R>&>(surface) = p;
+        surface.eta.v = Spectrum<R>(p.eta.v);
+        return surface;
+    }
+
     using Refracted = typename Coat<R>::Refracted;
 
     Spectrum<R> crossing(R cos_o, R cos_i) const {
