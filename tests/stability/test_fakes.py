@@ -119,7 +119,7 @@ def test_an_estimate_that_gains_is_caught() -> None:
     assert verdicts(report(fake.EstimateThatGains())) == {"energy": "fail"}
 
 
-def test_the_p_values_of_a_right_estimate_are_even() -> None:
+def test_the_p_values_of_a_right_estimate_are_not_too_small() -> None:
     effort = Effort(samples=8000)
     p = [look_at_estimate(fake.Estimate(), direction(60), k, effort).p_value for k in range(60)]
-    assert kstest(p, "uniform").pvalue > 1e-3, sorted(p)
+    assert kstest(p, "uniform", alternative="greater").pvalue > 1e-3, sorted(p)

@@ -138,10 +138,12 @@ class Cells:
         mesh = Mesh(*(np.concatenate(part) for part in zip(*map(_parts, settled), strict=True)))
         return Integral(total, open_, doubt, mesh)
 
-    def estimate(self, guide: Value, value: Value, points: int, seed: int) -> tuple[Floats, Floats]:
+    def estimate(
+        self, guide: Value, value: Value, points: int, seed: int
+    ) -> tuple[Floats, Floats, float]:
         """Return estimates of the integral of `value(directions) -> (N,)`, and their variances.
 
-        For values that are estimates themselves: they are taken at random directions, about
+        The last is the largest share that a single direction has in any of them. For values that are estimates themselves: they are taken at random directions, about
         `points` in all, in rectangles over which `guide`, a smooth stand-in, is smooth.
         """
         mesh = self.integrate(guide, MESH_TOLERANCE, MESH_BUDGET).mesh
@@ -161,7 +163,8 @@ class Cells:
         means, variances = np.zeros(len(self)), np.zeros(len(self))
         np.add.at(means, owner, mean * area)
         np.add.at(variances, owner, spread * area**2)
-        return means, variances
+        one = values * (area / counts)[which]
+        return means, variances, float(one.max(initial=0.0))
 
     def _pieces(self) -> tuple[Floats, NDArray[np.intp]]:
         """Cells cut into rectangles whose sides are short enough to see every peak."""

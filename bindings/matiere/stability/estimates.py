@@ -13,7 +13,7 @@ import numpy as np
 from matiere.stability.cells import Cells
 from matiere.stability.charts import Chart, Floats, regions
 from matiere.stability.statistics import chi_square_tail
-from matiere.stability.views import CELLS, PILOT, Draw, Effort, Scatterer, View, delta_events, flip
+from matiere.stability.views import CELLS, PILOT, Draw, Effort, Scatterer, View, flip
 
 POINTS = 12_000  # directions at which eval is asked
 FEWEST_SAMPLES = 20  # of a cell
@@ -43,29 +43,33 @@ def look_at_estimate(bsdf: Scatterer, wo: Floats, seed: int, effort: Effort) -> 
         return np.asarray(bsdf.pdf(wo, wi * mirror), dtype=float)[:, None]
 
     rows = []
+    # No cell is known better than the largest single event seen anywhere: where tails are heavy,
+    # its own events tell too little of its variance.
+    largest = float(energy.max(initial=0.0)) / s.n
     for region in regions(wo * mirror, index):
         mine, there = region.contains(guide), region.contains(drawn)
         chart = Chart.fitted(region, guide[mine], density[mine])
         share = np.count_nonzero(mine) / max(1, len(guide))
         cells = Cells(chart, guide[mine], round(CELLS / 2 * share))
-        by_eval, noise = cells.estimate(stand_in, value, POINTS, seed)
+        by_eval, noise, one = cells.estimate(stand_in, value, POINTS, seed)
+        largest = max(largest, one)
         cell = cells.find(drawn[there])
         first = np.bincount(cell, energy[there], len(cells)) / s.n
         second = np.bincount(cell, energy[there] ** 2, len(cells)) / s.n
         met = np.bincount(cell, minlength=len(cells))
         rows.append(np.stack([by_eval, noise, first, (second - first**2) / s.n, met]))
     by_eval, noise, by_sample, spread, met = np.concatenate(rows, axis=1)
-    probability, delta_energy = delta_events(s)
+    delta_energy = s.energy[s.sharp].sum() / (3 * s.n)  # only samples tell it
     error = math.sqrt(noise.sum())
     return View(
         wo=wo,
         samples=s.n,
-        p_value=_agreement(by_eval, by_sample, noise + spread, met),
+        p_value=_agreement(by_eval, by_sample, noise + spread + largest**2, met),
         integral=UNKNOWN,
         rejected=float(np.mean(s.lobe == 0)),
-        delta=probability,
+        delta=float(np.mean(s.sharp)),
         uncertain=3 * error,
-        albedo=np.full(3, by_eval.sum()) + delta_energy.mean(),
+        albedo=np.full(3, by_eval.sum() + delta_energy),
         albedo_sampled=np.full(3, s.energy.mean()),
         albedo_error=np.full(3, math.hypot(error, s.energy.mean(axis=1).std() / math.sqrt(s.n))),
         weight_gap=UNKNOWN,

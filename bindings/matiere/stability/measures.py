@@ -13,6 +13,7 @@ from matiere.stability.views import Draw, Scatterer
 
 AZIMUTH = 0.4  # of all viewers: along no axis of an anisotropic material [rad]
 PAIRS = 2000
+FEWEST = 100  # terms of a mean that is held against anything
 
 Viewer = tuple[float, float]  # degrees from the normal, side (1 above, -1 below)
 
@@ -48,8 +49,15 @@ def reciprocity(bsdf: Scatterer, wo: Floats, draw: Draw) -> float:
 
 
 def _beyond_noise(differences: Floats) -> float:
-    """Return how far a mean is from zero beyond four of its standard errors."""
-    error = float(differences.std()) / math.sqrt(max(1, len(differences)))
+    """Return how far a mean is from zero beyond four standard errors, or four largest terms.
+
+    Too few terms say nothing.
+    """
+    n = len(differences)
+    if n < FEWEST:
+        return 0.0
+    largest = float(np.abs(differences).max(initial=0.0))
+    error = max(float(differences.std()) / math.sqrt(n), largest / n)
     return max(0.0, abs(float(differences.mean())) - 4 * error)
 
 
