@@ -17,7 +17,7 @@ from matiere.stability import findings, measures
 from matiere.stability.charts import Floats
 from matiere.stability.estimates import is_estimate, look_at_estimate
 from matiere.stability.findings import FAIL, PASS, WARN, Finding, Look
-from matiere.stability.limits import find_limits
+from matiere.stability.limits import find_limits, has_delta
 from matiere.stability.measures import Viewer, direction
 from matiere.stability.statistics import sidak
 from matiere.stability.views import TRANSMISSION, Draw, Effort, Scatterer, View, look
@@ -139,10 +139,12 @@ def check_bsdf(
     viewers = [(d, side) for d in DEGREES for side in sides]
     looks, one_index = _looks(double, single, viewers, seed)
     curve = _curve(single, [(d, side) for d in CURVE_DEGREES for side in sides])
+    # A walk that ends on a delta counts as delta; from its other end it does not.
+    reciprocal = promises.reciprocal and not (is_estimate(double) and has_delta(double))
     found = [
         findings.energy(looks, _brightest(double, curve, seed)),
         *_sampling(looks, is_estimate(double)),
-        findings.reciprocal(looks, promises.reciprocal, one_index),
+        findings.reciprocal(looks, reciprocal, one_index),
         findings.largest_weight(looks),
         findings.finite(finite),
         findings.precision(looks),
