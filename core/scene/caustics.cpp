@@ -17,7 +17,7 @@ namespace {
 
 constexpr std::uint64_t kSeed = 0x63617573746963ULL;
 /// Photons started from every sharp surface to see what they are worth, and in all after that.
-constexpr std::uint32_t kPilot = 1 << 11, kStarts = 1 << 18;
+constexpr std::uint32_t kPilot = 1 << 11, kStarts = 1 << 19;
 constexpr std::uint32_t kBlock = 1 << 10;  // photons of one unit of work
 constexpr int kMaxDepth = 16;
 /// A direction sampled with less density than this [1/sr] is one that camera paths find well.
