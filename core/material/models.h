@@ -13,6 +13,7 @@
 #include "material/models/lambert.h"
 #include "material/models/layered.h"
 #include "material/models/measured.h"
+#include "material/models/microfacet_generator.h"
 #include "material/models/mirror.h"
 #include "material/models/mix.h"
 #include "material/models/null.h"
@@ -42,6 +43,7 @@ using ModelList = TypeList<
     Layered<R>,
     Measured<R>,
     ThinDielectric<R>,
+    MicrofacetGenerator<R>,
     Mirror<R>,
     Mix<R>,
     NullModel<R>,

@@ -291,6 +291,12 @@ ModelRecipe<R> make_model_recipe(const Reader& reader, const MaterialDescription
                 }
         ++index;
     }
+    if constexpr (requires { params.image; })  // read while building, not at hits
+        std::erase_if(recipe.slots, [&](const TextureSlot& slot) {
+            if (P::table()[slot.row].info.name != P::kImageParam) return false;
+            params.image = &textures[slot.texture];
+            return true;
+        });
     check_nested(reader, recipe);
     for (const Rule& rule : P::rules()) check_rule(reader, rule);
     const auto with_maxima = [&](P p) {

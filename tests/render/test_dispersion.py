@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
@@ -93,7 +94,7 @@ def stack(layers: list[tuple[float, float]]) -> float:
     internal reflections added incoherently: adding from the back (Stokes 1862)."""
     indices = [1.0, *(n for n, _ in layers), 1.0]
     tints = [1.0, *(t for _, t in layers)]
-    F = [((b - a) / (b + a)) ** 2 for a, b in zip(indices[:-1], indices[1:], strict=True)]
+    F = [((b - a) / (b + a)) ** 2 for a, b in pairwise(indices)]
     # Of what lies behind an interface: (reflectance, transmittance) seen from the front.
     R, T = F[-1], 1 - F[-1]
     for f, tint in zip(reversed(F[:-1]), reversed(tints[1:]), strict=True):
@@ -105,7 +106,7 @@ def stack(layers: list[tuple[float, float]]) -> float:
 
 @pytest.mark.parametrize("sigma", [0.0, 0.3, 2.0])
 def test_ice_in_water_in_glass(sigma: float) -> None:
-    """Blocks that overlap: glass [-3, 3], water in it [-2, 2], ice in that [-1, 1], seen head on."""
+    """Blocks that overlap: glass [-3, 3], water in it [-2, 2], ice in that [-1, 1]; head on."""
     d = view((0.01, 0.02, 9), (0.01, 0.02, 0))
     d.set_constant_environment((1, 1, 1))
     media = ((1.52, 0.05, 3.0), (1.333, 0.2, 2.0), (1.31, sigma, 1.0))
