@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 import make_material_stage
+import make_measured
 import numpy as np
 
 import matiere as mt
@@ -122,6 +123,8 @@ def main() -> None:
     chosen = sweeps(arguments.names)
     arguments.out.mkdir(parents=True, exist_ok=True)
     make_material_stage.write(make_material_stage.STAGE, arguments.size, arguments.spp)
+    if any(sweep.stem == "measured" for sweep in chosen):
+        make_measured.write()
     images = arguments.docs / "images" / "gallery"
     for count, sweep in enumerate(chosen, 1):
         started = time.monotonic()
