@@ -14,8 +14,8 @@
 namespace matiere {
 
 enum class FacetKind : unsigned char { kGaussian, kSatin, kVelvet, kGrooves, kTwoColor };
-inline constexpr std::array<std::string_view, 5> kFacetKindNames{
-    "gaussian", "satin", "velvet", "grooves", "two_color"};
+inline constexpr std::array<std::string_view, 5> kFacetKindNames{"gaussian", "satin", "velvet",
+                                                                 "grooves", "two_color"};
 
 struct FacetShape {
     FacetKind kind = FacetKind::kGaussian;

@@ -9,16 +9,16 @@
 namespace matiere {
 namespace {
 
-constexpr int kFine = 384;        // of each coordinate, to find quantiles
-constexpr int kSub = 4;           // Gauss-Legendre points per side of a cell
+constexpr int kFine = 384;  // of each coordinate, to find quantiles
+constexpr int kSub = 4;     // Gauss-Legendre points per side of a cell
 constexpr std::array<double, kSub> kPoints{0.06943184420297371, 0.33000947820757187,
-                                          0.66999052179242813, 0.93056815579702629};
+                                           0.66999052179242813, 0.93056815579702629};
 constexpr std::array<double, kSub> kWeights{0.17392742256872693, 0.32607257743127307,
-                                           0.32607257743127307, 0.17392742256872693};
-constexpr int kAzimuthRows = 161; // of the table of sigma, 0 and 2 pi both among them
-constexpr double kEven = 0.25;    // share of the edges that is laid evenly
+                                            0.32607257743127307, 0.17392742256872693};
+constexpr int kAzimuthRows = 161;      // of the table of sigma, 0 and 2 pi both among them
+constexpr double kEven = 0.25;         // share of the edges that is laid evenly
 constexpr double kNegligible = 1e-10;  // share of the facets: far below the quadrature's error
-constexpr double kEverywhere = 1e-3;  // of samples, so that no facet is impossible
+constexpr double kEverywhere = 1e-3;   // of samples, so that no facet is impossible
 constexpr double kTwoPiD = kTwoPi<double>;
 
 Vec3d direction(double cos_theta, double phi) {
@@ -95,8 +95,8 @@ FacetTable::FacetTable(const FacetDensity& p, double narrow) {
     double total = 0.0;
     for (int cell = 0; cell < kCells; ++cell) {
         const std::size_t row = std::size_t(cell / kPhi), column = std::size_t(cell % kPhi);
-        const double omega = (cos_edges_[row] - cos_edges_[row + 1]) *
-                             (phi_edges_[column + 1] - phi_edges_[column]);
+        const double omega =
+            (cos_edges_[row] - cos_edges_[row + 1]) * (phi_edges_[column + 1] - phi_edges_[column]);
         double peak = 0.0, sum = 0.0;
         for (std::size_t k = 0; k < kSub * kSub; ++k) {
             const std::size_t a = k / kSub, b = k % kSub;
@@ -179,8 +179,7 @@ void FacetTable::tabulate_views(const std::vector<double>& mass) {
         const double step = kPi<double> / 2 / kViewTheta;
         const double phi = kTwoPiD * ((v % kViewPhi) + 0.5) / kViewPhi;
         const Vec3d centre = direction(std::cos(theta0 + step / 2), phi);
-        const double reach = std::hypot(
-            step / 2, std::sin(theta0 + step) * kPi<double> / kViewPhi);
+        const double reach = std::hypot(step / 2, std::sin(theta0 + step) * kPi<double> / kViewPhi);
         double total = 0.0;
         std::vector<double> sums{0.0};
         for (std::size_t c = 0; c < kCells; ++c) {
@@ -206,15 +205,13 @@ int FacetTable::view(Vec3d o) const {
     return row * kViewPhi + column;
 }
 
-double FacetTable::sigma(Vec3d k) const {
-    return sigma_.lookup(k.z, azimuth(k) / kTwoPiD)[0];
-}
+double FacetTable::sigma(Vec3d k) const { return sigma_.lookup(k.z, azimuth(k) / kTwoPiD)[0]; }
 
 double FacetTable::pdf(Vec3d o, Vec3d h) const {
     const std::size_t row = std::size_t(interval(cos_edges_, h.z, true));
     const std::size_t column = std::size_t(interval(phi_edges_, azimuth(h), false));
-    const double omega = (cos_edges_[row] - cos_edges_[row + 1]) *
-                         (phi_edges_[column + 1] - phi_edges_[column]);
+    const double omega =
+        (cos_edges_[row] - cos_edges_[row + 1]) * (phi_edges_[column + 1] - phi_edges_[column]);
     const double* sums = cdf(view(o));
     const std::size_t cell = row * kPhi + column;
     return (sums[cell + 1] - sums[cell]) / omega;

@@ -49,10 +49,10 @@ class FacetTable {
     const double* cdf(int view) const { return &cdf_[std::size_t(view) * (kCells + 1)]; }
 
     double projected_ = 0.0;
-    AlbedoTable<double> sigma_;        ///< rows over azimuth, lane 0
-    std::vector<double> cos_edges_;    ///< from 1 down to 0
-    std::vector<double> phi_edges_;    ///< from 0 to 2 pi
-    std::vector<double> cdf_;          ///< [view][cell]
+    AlbedoTable<double> sigma_;      ///< rows over azimuth, lane 0
+    std::vector<double> cos_edges_;  ///< from 1 down to 0
+    std::vector<double> phi_edges_;  ///< from 0 to 2 pi
+    std::vector<double> cdf_;        ///< [view][cell]
 };
 
 }  // namespace matiere

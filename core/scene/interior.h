@@ -73,16 +73,15 @@ class InteriorStack {
 
 /// What the boundary of a medium is where a path meets it.
 struct InterfaceCrossing {
-    bool hidden = false;  ///< lies inside a medium of higher priority: nothing is there to see
-    float eta_rel = 1;    ///< index beyond the surface over the index on the path's side
+    bool hidden = false;      ///< lies inside a medium of higher priority: nothing is there to see
+    float eta_rel = 1;        ///< index beyond the surface over the index on the path's side
     bool dispersive = false;  ///< eta_rel is that of one lane; others may have another
 };
 
 /// `entering`: the path comes from outside the closed shape. `lane` is the path's own; where the
 /// indices differ between lanes it decides.
 inline InterfaceCrossing cross_interface(const MaterialTable& materials, int material,
-                                         bool entering, const InteriorStack& inside,
-                                         int lane = 0) {
+                                         bool entering, const InteriorStack& inside, int lane = 0) {
     const auto between = [&](int from, int to) -> InterfaceCrossing {
         const auto eta = [&](int m) { return m < 0 ? 1.0F : materials[m].eta_interior[lane]; };
         const auto dispersive = [&](int m) { return m >= 0 && materials[m].dispersive; };
