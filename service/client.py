@@ -395,13 +395,25 @@ def local_files(document: Mapping[str, Any], root: Path) -> dict[str, tuple[str,
 
 
 def _files_of_axis(axis: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
-    """Return the files that an axis puts into the scene: its pointer ends in `file`."""
+    """Return the files that an axis puts into the scene: by its pointer, or inside its values."""
     pointers = axis.get("pointer")
     pointers = [pointers] if isinstance(pointers, str) else pointers or []
-    if not any(str(at).endswith("/file") for at in pointers):
-        return {}
-    names = [name for name in axis.get("values") or [] if isinstance(name, str)]
-    return {name: found for name in names if (found := _local(name, root)) is not None}
+    values = axis.get("values") or []
+    names = set(_named_files(values))
+    if any(str(at).endswith("/file") for at in pointers):
+        names |= {name for name in values if isinstance(name, str)}
+    return {name: found for name in sorted(names) if (found := _local(name, root)) is not None}
+
+
+def _named_files(value: Any) -> Iterator[str]:
+    """Yield what stands under a key `file` anywhere in a value."""
+    if isinstance(value, Mapping):
+        if isinstance(name := value.get("file"), str):
+            yield name
+        value = list(value.values())
+    if isinstance(value, list):
+        for inner in value:
+            yield from _named_files(inner)
 
 
 def _local(name: str, root: Path) -> tuple[str, Path] | None:

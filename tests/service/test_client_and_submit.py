@@ -206,3 +206,16 @@ def test_submit_command_without_a_service(
 ) -> None:
     code, _, err = run(capsys, "submit", scene, "--url", "http://127.0.0.1:9")
     assert code == 2 and "matiere serve" in err
+
+
+def test_files_inside_the_values_of_an_axis_are_sent(tmp_path: Path) -> None:
+    from matiere.service.client import _files_of_axis
+
+    for name in ("a.binary", "b.binary"):
+        (tmp_path / name).write_bytes(name.encode())
+    values = [
+        {"type": "measured", "file": "a.binary"},
+        {"type": "mix", "a": {"type": "measured", "file": "b.binary"}, "b": {"file": "none"}},
+    ]
+    found = _files_of_axis({"pointer": "/materials/ball", "values": values}, tmp_path)
+    assert sorted(found) == ["a.binary", "b.binary"]

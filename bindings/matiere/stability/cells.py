@@ -143,8 +143,9 @@ class Cells:
     ) -> tuple[Floats, Floats, float]:
         """Return estimates of the integral of `value(directions) -> (N,)`, and their variances.
 
-        The last is the largest share that a single direction has in any of them. For values that are estimates themselves: they are taken at random directions, about
-        `points` in all, in rectangles over which `guide`, a smooth stand-in, is smooth.
+        The last is the largest share that a single direction has in any of them. For values that
+        are estimates themselves: they are taken at random directions, about `points` in all, in
+        rectangles over which `guide`, a smooth stand-in, is smooth.
         """
         mesh = self.integrate(guide, MESH_TOLERANCE, MESH_BUDGET).mesh
         boxes, owner = mesh.boxes, mesh.owner
