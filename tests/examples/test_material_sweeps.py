@@ -22,6 +22,9 @@ def stage(example: Callable[[str], ModuleType], tmp_path_factory: pytest.TempPat
     """Write the stage and return its scene."""
     folder = tmp_path_factory.mktemp("stage")
     made: Path = example("make_material_stage.py").write(folder, 16, 4)
+    (folder / "measured").mkdir()
+    for name in example("make_measured.py").TABLES:  # loading asks only that a file is there
+        (folder / "measured" / f"{name}.binary").touch()
     return made
 
 
