@@ -45,3 +45,8 @@ def test_every_cell_of_a_material_sweep_loads(path: Path, stage: Path) -> None:
         mt.load(scene, asset_root=stage.parent)
     types = {scene["materials"]["ball"]["type"] for scene in found}
     assert path.stem in types, f"{path.name} must show {path.stem}, shows {types}"
+
+
+def test_every_model_has_a_sweep() -> None:
+    """`null` is shown in the sweep of `mix`."""
+    assert {p.stem for p in SWEEPS} == {m["type"] for m in mt.materials()} - {"null"}
