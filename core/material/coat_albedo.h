@@ -177,4 +177,24 @@ CoatTables<R> tabulate_coat(const AlphaParams<R>& p, const FresnelTerm<R>& fresn
     return made;
 }
 
+/// What a surface of given widths and Fresnel term reflects at most, over all angles of view.
+template <class R>
+Spectrum<R> largest_coat_albedo(const AlphaParams<R>& p, const FresnelTerm<R>& fresnel) {
+    constexpr int kAngles = 32, kAzimuths = 4;
+    const Vec2<R> a = p.alphas();
+    if (p.any_textured() || is_delta_alpha(a.x, a.y)) return Spectrum<R>(R(1));
+    const FresnelTerm<double> exact = fresnel.template cast<double>();
+    const auto surface = double_surface(p, double(a.x), double(a.y));
+    Spectrum<R> most;
+    for (int k = 0; k < kAngles * kAzimuths; ++k) {
+        const double theta = kPi<double> / 2 * (k / kAzimuths + 0.5) / kAngles;
+        const double phi = kPi<double> / 2 * (k % kAzimuths) / (kAzimuths - 1);
+        const double s = std::sin(theta);
+        const Vec3d wo{s * std::cos(phi), s * std::sin(phi), std::cos(theta)};
+        const Spectrumd e = directional_albedo(surface, wo, exact);
+        for (int i = 0; i < kActiveLanes; ++i) most[i] = std::max(most[i], R(e[i]));
+    }
+    return most;
+}
+
 }  // namespace matiere

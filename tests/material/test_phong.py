@@ -142,6 +142,8 @@ def test_equal_exponents_are_the_isotropic_lobe() -> None:
         ("blinn_phong", {"diffuse": [0.5, 0.7, 0.5], "specular": 0.4}),
         ("ashikhmin_shirley", {"diffuse": 0.7, "F0": 0.1, "nu": 1e4, "nv": 1e4}),
         ("ward", {"diffuse": 0.7, "specular": [0.1, 0.31, 0.1]}),
+        ("cook_torrance", {"diffuse": [0.5, 0.75, 0.5], "F0": 0.3, "alpha": 0.4}),
+        ("cook_torrance", {"diffuse": 0.01, "F0": 0.04, "alpha": 0.0}),
     ],
 )
 def test_add_refuses_what_would_gain(kind: str, params: dict[str, Any]) -> None:
@@ -157,6 +159,11 @@ def test_added_parts_are_simply_added() -> None:
     lobe = phong(specular=0.5, exponent=20)
     body = bsdf("lambert", albedo=0.3)
     assert b.eval(wo, wi) == pytest.approx(lobe.eval(wo, wi) + body.eval(wo, wi), rel=1e-12)
+    b = bsdf("cook_torrance", F0=0.04, alpha=0.4, diffuse=0.3, coupling="add")
+    lobe = bsdf("cook_torrance", F0=0.04, alpha=0.4)
+    assert b.eval(wo, wi) == pytest.approx(lobe.eval(wo, wi) + body.eval(wo, wi), rel=1e-12)
+    with pytest.raises(_core.SceneError, match="multiscatter"):
+        bsdf("cook_torrance", alpha=0.4, diffuse=0.3, coupling="add", multiscatter=True)
 
 
 def half_power(wo: Any, wi: Any, nu: Any, nv: Any) -> tuple[Any, Any, Any, Any]:

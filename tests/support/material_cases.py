@@ -121,6 +121,7 @@ PICKED = (
     Case("conductor", {**GOLD, "alpha": 0.3, "distribution": "beckmann"}),
     Case("conductor", {**GOLD, "alpha_x": 0.05, "alpha_y": 0.5}),
     Case("cook_torrance", {"F0": 1.0, "alpha": 1.0}),
+    Case("cook_torrance", {"F0": 0.04, "alpha": 0.4, "diffuse": 0.4, "coupling": "add"}),
     Case("cook_torrance", {"F0": 1.0, "alpha": 0.5, "masking": "smith_separable"}),
     Case("cook_torrance", {"F0": 1.0, "alpha": 1e-5}),
     Case("cook_torrance", {"F0": 1.0, "alpha": 0.01, "distribution": "beckmann"}),

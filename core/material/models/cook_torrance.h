@@ -10,6 +10,7 @@
 
 #include "material/coated_diffuse.h"
 #include "material/compensated_lobe.h"
+#include "material/coupling.h"
 #include "material/model.h"
 
 namespace matiere {
@@ -26,6 +27,7 @@ struct CookTorrance {
 
     struct Params : AlphaParams<R> {
         Value<Spectrum<R>> F0, F82_tint, eta, k, diffuse;
+        Value<int> coupling;
         CoatTables<R> tables;
 
         static constexpr auto table() {
@@ -45,6 +47,10 @@ struct CookTorrance {
                         .constant_only(),
                     color("diffuse", &Params::diffuse, "Albedo of the body under the surface.")
                         .range(0, 1)
+                        .initially(0),
+                    choice<Params, R>(
+                        "coupling", &Params::coupling, kPlainCouplingNames,
+                        "energy: diffuse gets what the surface lets through; add: as it is.")
                         .initially(0)},
                 join(AlphaParams<R>::template rows<Params>(),
                      AlphaParams<R>::template multiscatter_row<Params>()));
@@ -66,7 +72,16 @@ struct CookTorrance {
     CoatedDiffuse<R, CompensatedLobe<R>> layers;
 
     static ParamError check(const Params& p) {
-        return p.has_body() || p.multiscatter.v ? check_coat_textures(p) : p.check_shape();
+        if (!p.has_body() && !p.multiscatter.v) return p.check_shape();
+        if (Coupling(p.coupling.v) == Coupling::kAdd && p.has_body()) {
+            if (p.multiscatter.v)
+                return {"coupling",
+                        "add does not know the light that multiscatter returns; take energy"};
+            const ParamError gain =
+                check_sum(Coupling::kAdd, p.diffuse.v, largest_coat_albedo(p, p.fresnel()));
+            if (!gain.message.empty()) return gain;
+        }
+        return check_coat_textures(p);
     }
     static void tabulate(Params& p, TableStore<R>& store) {
         if (p.has_body()) p.tables = tabulate_coat(p, p.fresnel(), store);
@@ -78,7 +93,7 @@ struct CookTorrance {
         CoatAlbedo<R> albedo = p.tables.view(p);
         albedo.white = p.tables.white;
         albedo.returned = coat.share;
-        return {CoatedDiffuse<R, CompensatedLobe<R>>::make(coat, albedo, p.diffuse.v, R(1))};
+        return {couple(coat, albedo, p.diffuse.v, Coupling(p.coupling.v), true)};
     }
 
     bool is_anisotropic() const { return layers.coat.surface.is_anisotropic(); }
