@@ -67,7 +67,8 @@ class Case:
         implied = {p["name"]: p["implied"] for p in ROWS[self.type]["params"]}
         if not self.interface or "eta" not in implied:
             return 1.0
-        return float(self.params.get("eta", implied["eta"]))
+        eta = self.params.get("eta", implied["eta"])
+        return float(eta[1] if isinstance(eta, tuple | list) else eta)  # a probe sees green
 
     def scaled(self, factor: float) -> Case:
         """Return the material with the index of its interface changed."""
