@@ -11,6 +11,8 @@ from extremes import DEGREES, direction
 from material_cases import PICKED, Case, all_cases
 
 CASES = all_cases()
+#: The last case of every model: what `./dev test --fast` keeps.
+QUICK = {case.type: case.id for case in CASES}.values()
 PICKED_IDS = {case.id for case in PICKED}
 FEW_DEGREES = (0.0, 60.0, 89.9)  # for the many generated cases
 PRECISIONS = ("float", "double")
@@ -38,7 +40,11 @@ def resolved(case: Case, precision: str, degrees: float) -> bool:
 
 
 def cases(test: Any) -> Any:
-    test = pytest.mark.parametrize("case", CASES, ids=lambda c: c.id)(test)
+    marked = [
+        pytest.param(case, id=case.id, marks=() if case.id in QUICK else pytest.mark.slow)
+        for case in CASES
+    ]
+    test = pytest.mark.parametrize("case", marked)(test)
     return pytest.mark.parametrize("precision", PRECISIONS)(test)
 
 
