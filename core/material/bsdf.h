@@ -2,6 +2,7 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 
 #include "base/spectrum.h"
 #include "base/vec.h"
@@ -34,5 +35,14 @@ struct BsdfSample {
     std::uint8_t lobe{};  ///< Lobe flags of this event
     R eta{R(1)};          ///< transmitted over incident index of this event; 1 for a reflection
 };
+
+/// A sample of one lobe with the value and density of all lobes; nothing where those say so.
+template <class R>
+std::optional<BsdfSample<R>> finish(BsdfSample<R> s, const BsdfEval<R>& e) {
+    if (!(e.pdf > R(0))) return {};
+    s.weight = e.f * (R(1) / e.pdf);
+    s.pdf = e.pdf;
+    return s;
+}
 
 }  // namespace matiere

@@ -120,13 +120,6 @@ struct CoatedDiffuse {
         surface.pdf = p * surface.pdf + (R(1) - p) * cosine;
         return surface;
     }
-
-    static std::optional<BsdfSample<R>> finish(BsdfSample<R> s, const BsdfEval<R>& e) {
-        if (!(e.pdf > R(0))) return {};
-        s.weight = e.f * (R(1) / e.pdf);
-        s.pdf = e.pdf;
-        return s;
-    }
 };
 
 }  // namespace matiere

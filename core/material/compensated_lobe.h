@@ -108,13 +108,6 @@ struct CompensatedLobe : MicrofacetLobe<R> {
         e.pdf = (R(1) - p) * e.pdf + p * lobe_of_lost.pdf(wi.z);
         return e;
     }
-
-    static std::optional<BsdfSample<R>> finish(BsdfSample<R> s, const BsdfEval<R>& e) {
-        if (!(e.pdf > R(0))) return {};
-        s.weight = e.f * (R(1) / e.pdf);
-        s.pdf = e.pdf;
-        return s;
-    }
 };
 
 }  // namespace matiere

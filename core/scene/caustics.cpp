@@ -244,7 +244,8 @@ void keep_hard(std::vector<Harvest>& harvests, double threshold) {
     for (Harvest& h : harvests)
         std::erase_if(h.landed, [&](const Landed& l) {
             return !(double(l.radiance) > threshold && l.photon.weight > 0 &&
-                     std::isfinite(l.photon.weight));
+                     std::isfinite(l.photon.weight) &&
+                     length_squared(l.photon.from - l.photon.p) > 0);
         });
 }
 
