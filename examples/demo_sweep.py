@@ -171,7 +171,7 @@ def scene(
         },
         "shapes": [{"type": "mesh", **shape} for shape in shapes],
         "environment": {"file": file},
-        "output": {"exposure": exposure},
+        "output": {"exposure": exposure, "despeckle": True},
     }
 
 

@@ -203,11 +203,13 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
     import numpy as np
 
+    from matiere.report import picture_report
+
     film = _film(stored, header, request)
     output = request["output"]
     depths = output.get("bit_depth", {})
-    view = {key: output[key] for key in ("config", "display", "view") if key in output}
-    exposure = output.get("exposure", 0.0)
+    shown = ("config", "display", "view", "exposure", "despeckle")
+    view = {key: output[key] for key in shown if key in output}
     job, counts = request["job"], film.sample_counts
     report = film.report | {
         "job": job,
@@ -215,9 +217,10 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
         "samples_per_pixel": [int(np.min(counts)), int(np.max(counts))],
         "chunks_rendered": request["chunks_rendered"],
         "reports_superseded": request["reports_superseded"],
+        "picture": picture_report(film, bool(output.get("despeckle"))),
     }
     return {
-        "image.png": _image(film, ".png", bit_depth=depths.get("png"), exposure=exposure, **view),
+        "image.png": _image(film, ".png", bit_depth=depths.get("png"), **view),
         "image.exr": _image(film, ".exr", bit_depth=depths.get("exr")),
         "report.json": json.dumps(report, allow_nan=False, indent=1).encode(),
         "error.svg": _plot(film, job["label"]).encode(),

@@ -41,16 +41,20 @@ def develop(
     display: str = DEFAULT_DISPLAY,
     view: str = DEFAULT_VIEW,
     exposure: float = 0.0,
+    despeckle: bool = False,
 ) -> NDArray[np.float32]:
     """Turn linear Rec.709 radiance into display values with an OpenColorIO view.
 
     `film` is a Film or an array (H, W, 3), or (H, W, 4) with premultiplied alpha. `exposure` is in
     stops: pixels are multiplied by 2^exposure first. `config` names a config built into OpenColorIO
-    or a config file. Returns float32 of the same shape, mostly in [0, 1], alpha not premultiplied.
+    or a config file. `despeckle` shows a film without the specks that single samples made
+    (`film.despeckled`); an array has no replicates to tell them by. Returns float32 of the same
+    shape, mostly in [0, 1], alpha not premultiplied.
 
-    Raises ColourError for an unknown config, display or view, with the choices.
+    Raises ColourError for an unknown config, display or view, with the choices, and ImageError to
+    despeckle an array.
     """
-    pixels = scene_linear(film)
+    pixels = scene_linear(film, despeckle=despeckle)
     color = pixels[:, :, :3]
     if pixels.shape[2] == 4:
         alpha = pixels[:, :, 3:]

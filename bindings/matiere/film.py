@@ -15,6 +15,7 @@ from matiere.errors import FilmError
 
 if TYPE_CHECKING:
     from matiere import _core
+    from matiere.despeckle import Despeckled
     from matiere.scene.scene import Scene
 
 Image = NDArray[np.float64]
@@ -138,6 +139,13 @@ class Film:
         """Mean radiance of every replicate, float64 (R, H, W, 3)."""
         counts = np.asarray(self._core.counts)[None, ..., None]
         return np.asarray(self._core.sums)[..., :3] * (self.replicates / np.maximum(counts, 1))
+
+    @cached_property
+    def despeckled(self) -> Despeckled:
+        """The mean without specks, for pictures, and how much light that holds back."""
+        from matiere.despeckle import despeckle
+
+        return despeckle(self.replicate_means)
 
     @property
     def sample_counts(self) -> NDArray[np.uint32]:

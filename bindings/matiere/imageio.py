@@ -279,6 +279,7 @@ def write_image(
     display: str | None = None,
     config: str | os.PathLike[str] | None = None,
     exposure: float = 0.0,
+    despeckle: bool = False,
     bit_depth: int | None = None,
     metadata: Mapping[str, str | int | float] | None = None,
 ) -> None:
@@ -287,9 +288,10 @@ def write_image(
     PNG and JPEG show a film through an OpenColorIO view (the default one unless named); an array
     is written as it is, clipped to [0, 1], unless `view`, `display` or `config` asks for one. EXR
     is scene-linear and holds R, G, B (A) and, for a film, the channels `standard_error.R/G/B`;
-    with a view asked for it holds display values. `exposure` is in stops. `bit_depth`: PNG 8
-    (default) or 16, JPEG 8, EXR 32 (float, default) or 16 (half). `metadata` adds to what a film
-    says of itself (scene digest, spp, seconds, relMSE, versions, view).
+    with a view asked for it holds display values. `exposure` is in stops. `despeckle` leaves
+    specks of single samples out of PNG, JPEG or a view, never out of scene-linear values.
+    `bit_depth`: PNG 8 (default) or 16, JPEG 8, EXR 32 (float, default) or 16 (half). `metadata`
+    adds to what a film says of itself (scene digest, spp, seconds, relMSE, versions, view).
 
     Raises ImageError for an unknown file type, bit depth, or a failing write, and ColourError for
     an unknown view.
@@ -301,10 +303,12 @@ def write_image(
     notes: dict[str, str | int | float] = film_metadata(film) if is_film else {}
     space = ""
     if asked or (is_film and suffix != ".exr"):
-        shown = _shown(config, display, view, exposure)
+        shown = _shown(config, display, view, exposure, despeckle)
         pixels: NDArray[Any]
         pixels, space = _develop(film, shown)
-        notes |= {f"matiere:{key}": value for key, value in shown.items()}
+        notes |= {f"matiere:{key}": value for key, value in shown.items() if key != "despeckle"}
+        if not isinstance(film, np.ndarray) and despeckle:
+            notes["matiere:held_back"] = film.despeckled.energy
     else:
         pixels = scene_linear(film) * np.float32(2.0**exposure)
     notes |= metadata or {}
@@ -336,8 +340,12 @@ def _depth(suffix: str, bit_depth: int | None) -> int:
 
 
 def _shown(
-    config: str | os.PathLike[str] | None, display: str | None, view: str | None, exposure: float
-) -> dict[str, str | float]:
+    config: str | os.PathLike[str] | None,
+    display: str | None,
+    view: str | None,
+    exposure: float,
+    despeckle: bool,
+) -> dict[str, Any]:
     from matiere.scene.model import DEFAULT_CONFIG, DEFAULT_DISPLAY, DEFAULT_VIEW
 
     return {
@@ -345,6 +353,7 @@ def _shown(
         "display": display or DEFAULT_DISPLAY,
         "view": view or DEFAULT_VIEW,
         "exposure": exposure,
+        "despeckle": despeckle,
     }
 
 
@@ -355,15 +364,18 @@ def _develop(film: Any, shown: Mapping[str, Any]) -> tuple[Image, str]:
     return pixels, display_space(shown["config"], shown["display"], shown["view"])
 
 
-def scene_linear(film: Film | NDArray[Any]) -> Image:
+def scene_linear(film: Film | NDArray[Any], *, despeckle: bool = False) -> Image:
     """Return a film or array as float32 (H, W, 3) or (H, W, 4); ValueError for other shapes.
 
     A film has a fourth channel, alpha, when it was rendered with a transparent background.
+    `despeckle` takes `film.despeckled` for the mean; ImageError for an array.
     """
     if isinstance(film, np.ndarray):
+        if despeckle:
+            raise ImageError("only a film can be despeckled: an array has no replicates")
         array = np.asarray(film, np.float32)
     else:
-        array = np.asarray(film.mean, np.float32)
+        array = np.asarray(film.despeckled.mean if despeckle else film.mean, np.float32)
         if film.transparent:
             alpha = np.asarray(film.alpha, np.float32)[:, :, None]
             array = np.concatenate([array, alpha], axis=2)

@@ -69,6 +69,14 @@ def film_report(film: Film) -> dict[str, Any]:
     }
 
 
+def picture_report(film: Film, despeckle: bool) -> dict[str, Any]:
+    """Return what the delivered picture leaves out: shares of pixels and of light held back."""
+    if not despeckle:
+        return {"despeckle": False}
+    found = film.despeckled
+    return {"despeckle": True, "pixels_changed": found.pixels, "energy_held_back": found.energy}
+
+
 def standard_error_summary(film: Film) -> dict[str, float | None]:
     """Return mean, 95th percentile and maximum of the pixels' standard errors (radiance units)."""
     values = film.standard_error

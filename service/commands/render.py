@@ -45,6 +45,10 @@ def render(
     view: Annotated[str | None, typer.Option(help="OpenColorIO view.")] = None,
     display: Annotated[str | None, typer.Option(help="OpenColorIO display.")] = None,
     exposure: Annotated[float | None, typer.Option(help="Exposure in stops.")] = None,
+    despeckle: Annotated[
+        bool | None,
+        typer.Option(help="Leave specks of single samples out of PNG and JPEG (EXR keeps them)."),
+    ] = None,
     asset_root: Annotated[
         Path | None, typer.Option(help="Folder of the scene's files (default: its own).")
     ] = None,
@@ -60,10 +64,11 @@ def render(
     Example: matiere render scene.json -o out.png --seconds 30
     """
     import matiere as mt
+    from matiere.report import picture_report
 
     with _worded(scene):
         loaded = mt.load(scene, asset_root=asset_root)
-        shown = _view(loaded, view, display, exposure)
+        shown = _view(loaded, view, display, exposure, despeckle)
         files = _outputs(loaded, scene, output, (film, report))
         stop = _stop(loaded, spp, seconds, target_error)
         if not quiet:
@@ -84,9 +89,11 @@ def render(
         if film is not None:
             done.save(film)
         if report is not None:
-            _write_text(report, json.dumps(done.report, indent=1) + "\n")
+            picture = picture_report(done, shown["despeckle"])
+            _write_text(report, json.dumps(done.report | {"picture": picture}, indent=1) + "\n")
     if not quiet:
-        _summary(done, loaded, [*files, *(p for p in (film, report) if p is not None)])
+        written = [*files, *(path for path in (film, report) if path is not None)]
+        _summary(done, loaded, shown["despeckle"], written)
 
 
 @contextmanager
@@ -124,9 +131,13 @@ def _stop(
 
 
 def _view(
-    loaded: Scene, view: str | None, display: str | None, exposure: float | None
+    loaded: Scene,
+    view: str | None,
+    display: str | None,
+    exposure: float | None,
+    despeckle: bool | None,
 ) -> dict[str, Any]:
-    """Return config, display, view and exposure; unknown names fail before the render."""
+    """Return what `write_image` shows a film with; unknown names fail before the render."""
     from matiere.develop import check_view
 
     output = loaded.model.output
@@ -137,7 +148,11 @@ def _view(
     }
     if view is not None or display is not None:
         check_view(shown["config"], shown["display"], shown["view"])
-    return {**shown, "exposure": output.exposure if exposure is None else exposure}
+    return {
+        **shown,
+        "exposure": output.exposure if exposure is None else exposure,
+        "despeckle": output.despeckle if despeckle is None else despeckle,
+    }
 
 
 def _outputs(
@@ -257,7 +272,7 @@ def _line_printer() -> Callable[[Progress], None]:
     return show
 
 
-def _summary(done: Film, loaded: Scene, files: list[Path]) -> None:
+def _summary(done: Film, loaded: Scene, despeckle: bool, files: list[Path]) -> None:
     report = done.report
     for note in loaded.notes:
         place = f"{note['pointer']}: " if note["pointer"] else ""
@@ -268,6 +283,9 @@ def _summary(done: Film, loaded: Scene, files: list[Path]) -> None:
     if report["spp_note"]:
         typer.echo(report["spp_note"])
     typer.echo(_error_line(report["error"]))
+    if despeckle:
+        share = 100 * done.despeckled.energy
+        typer.echo(f"the picture holds back {share:.2g} % of the light as specks; EXR has it all")
     for path in files:
         typer.echo(f"wrote {path}")
 

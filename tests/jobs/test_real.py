@@ -171,7 +171,7 @@ def test_output_settings_develop_the_same_film_again(tmp_path: Path) -> None:
     with open_engine(tmp_path, children=1, **OPTIONS) as engine:
         first = engine.wait_job(engine.submit_job(SCENE).id, 60)
         rendered = engine.status()["counters"]["chunks_rendered"]
-        output = {"exposure": 2.0, "bit_depth": {"png": 16, "exr": 16}}
+        output = {"exposure": 2.0, "despeckle": True, "bit_depth": {"png": 16, "exr": 16}}
         second = engine.wait_job(engine.submit_job(SCENE | {"output": output}).id, 60)
         assert (second.cached, second.film_key) == (True, first.film_key)
         assert engine.status()["counters"]["chunks_rendered"] == rendered, "nothing was rendered"
@@ -180,6 +180,12 @@ def test_output_settings_develop_the_same_film_again(tmp_path: Path) -> None:
             for job in (first, second)
         )
         assert bright > dark
+        plain, spotless = (
+            json.loads(Path(engine.artifact(job.id, "report.json").path).read_text())["picture"]
+            for job in (first, second)
+        )
+        assert plain == {"despeckle": False} and spotless["despeckle"] is True
+        assert 0 <= spotless["energy_held_back"] < 1 and 0 <= spotless["pixels_changed"] < 1
 
 
 def test_uploaded_assets_are_pinned_and_used(tmp_path: Path) -> None:

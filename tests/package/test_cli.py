@@ -71,6 +71,25 @@ def test_render_writes_everything_asked_for(tmp_path: Path) -> None:
     assert np.abs(mt.read_image(tmp_path / "a.png").pixels - shown).max() <= 0.5 / 255 + 1e-6
 
 
+def test_despeckle_changes_the_picture_and_says_what_it_cost(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    done = run(
+        "render", "scene.json", "-o", "a.png", "-o", "a.exr", "--report", "report.json",
+        "--film", "a.mfilm", "--spp", "8", "--despeckle", cwd=tmp_path,
+    )  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    assert "of the light as specks" in done.stdout
+    film = mt.load_film(tmp_path / "a.mfilm")
+    picture = json.loads((tmp_path / "report.json").read_text())["picture"]
+    assert picture["energy_held_back"] == film.despeckled.energy
+    png = mt.read_image(tmp_path / "a.png")
+    shown = np.clip(mt.develop(film, despeckle=True), 0, 1)
+    assert np.abs(png.pixels - shown).max() <= 0.5 / 255 + 1e-6
+    assert float(png.metadata["matiere:held_back"]) == pytest.approx(film.despeckled.energy)
+    exr = mt.read_image(tmp_path / "a.exr")
+    assert np.array_equal(exr.pixels[:, :, :3], film.mean.astype(np.float32))
+
+
 def test_resumed_render_has_the_bits_of_one_long_one(tmp_path: Path) -> None:
     write_scene(tmp_path)
     run("render", "scene.json", "--film", "a.mfilm", "--spp", "8", cwd=tmp_path)

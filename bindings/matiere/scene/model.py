@@ -135,6 +135,11 @@ class Output(Node):
     display: Name = Field(DEFAULT_DISPLAY, description="display of the config")
     view: Name = Field(DEFAULT_VIEW, description="view transform of the display")
     exposure: float = Field(0.0, ge=-64, le=64, description="stops: the film times 2^exposure")
+    despeckle: bool = Field(
+        False,
+        description="leave light that single samples vouch for out of PNG and JPEG (EXR keeps it); "
+        "the report says how much",
+    )
     files: list[Name] = Field(
         default_factory=list, max_length=16,
         description="files `matiere render` writes without -o: .png, .jpg or .exr, relative to "
