@@ -47,18 +47,32 @@ void set_film(RenderDescription& d, int width, int height, const std::string& fi
     d.film.crop = crop;
 }
 
+CameraType camera_type(const std::string& name) {
+    if (name == "pinhole") return CameraType::kPinhole;
+    if (name == "thin_lens") return CameraType::kThinLens;
+    if (name == "orthographic") return CameraType::kOrthographic;
+    if (name == "panorama") return CameraType::kPanorama;
+    if (name == "material_probe") return CameraType::kMaterialProbe;
+    throw SceneError("camera_type", "camera type '" + name + "' is not known", "/camera/type");
+}
+
 void set_camera(RenderDescription& d, const std::string& type, const Triple& origin,
-                const Triple& target, const Triple& up, double vfov_deg, double aperture_radius,
-                double focus_distance) {
-    if (type != "pinhole" && type != "thin_lens")
-        throw SceneError("camera_type", "camera type must be pinhole or thin_lens", "/camera/type");
-    d.camera = {type == "thin_lens" ? CameraType::kThinLens : CameraType::kPinhole,
-                vec3d(origin),
-                vec3d(target),
-                vec3d(up),
-                vfov_deg,
-                aperture_radius,
-                focus_distance};
+                const Triple& target, const Triple& up, double vfov_deg, double height,
+                double aperture_radius, double focus_distance, int blades,
+                double blade_rotation_deg, double aperture_ratio) {
+    CameraDescription c;
+    c.type = camera_type(type);
+    c.origin = vec3d(origin);
+    c.target = vec3d(target);
+    c.up = vec3d(up);
+    c.vfov_deg = vfov_deg;
+    c.height = height;
+    c.aperture_radius = aperture_radius;
+    c.focus_distance = focus_distance;
+    c.blades = blades;
+    c.blade_rotation_deg = blade_rotation_deg;
+    c.aperture_ratio = aperture_ratio;
+    d.camera = c;
 }
 
 int add_texture(RenderDescription& d, const Array<float>& pixels, const std::string& wrap,
@@ -123,8 +137,10 @@ void bind_description(py::module_& m) {
              py::arg("filter") = "gaussian", py::arg("filter_radius") = 0.0F,
              py::arg("crop") = py::none())
         .def("set_camera", &set_camera, py::arg("type"), py::arg("origin"), py::arg("target"),
-             py::arg("up"), py::arg("vfov_deg"), py::arg("aperture_radius") = 0.0,
-             py::arg("focus_distance") = 1.0)
+             py::arg("up"), py::arg("vfov_deg") = 40.0, py::kw_only(), py::arg("height") = 2.0,
+             py::arg("aperture_radius") = 0.0, py::arg("focus_distance") = 1.0,
+             py::arg("blades") = 0, py::arg("blade_rotation_deg") = 0.0,
+             py::arg("aperture_ratio") = 1.0)
         .def("add_texture", &add_texture, py::arg("pixels"), py::arg("wrap") = "repeat",
              py::arg("pointer") = "")
         .def("add_material", &add_material, py::arg("type"), py::arg("params"),

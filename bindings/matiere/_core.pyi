@@ -56,9 +56,14 @@ class RenderDescription:
         origin: Triple,
         target: Triple,
         up: Triple,
-        vfov_deg: float,
+        vfov_deg: float = ...,
+        *,
+        height: float = ...,
         aperture_radius: float = ...,
         focus_distance: float = ...,
+        blades: int = ...,
+        blade_rotation_deg: float = ...,
+        aperture_ratio: float = ...,
     ) -> None: ...
     def add_texture(
         self, pixels: NDArray[np.float32], wrap: str = ..., pointer: str = ...

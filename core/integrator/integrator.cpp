@@ -227,6 +227,7 @@ PathResult PathIntegrator::sample(int x, int y, std::uint32_t replicate, std::ui
     const CameraRay ray = scene_->camera().ray(
         {float(x) + 0.5F + offset.x, float(y) + 0.5F + offset.y}, u.uniform2(2));
     ++counters.samples;
+    if (!ray.sees) return {Spectrumf(), 0};
     return Walk(*scene_, settings_, sampler, counters).run({ray.origin, ray.direction});
 }
 

@@ -11,6 +11,7 @@
 
 #include "base/spectrum.h"
 #include "base/vec.h"
+#include "camera/camera.h"
 #include "film/filter.h"
 #include "material/description.h"
 #include "texture/texture.h"
@@ -23,17 +24,6 @@ struct FilmDescription {
     /// Pixel window [x0, y0, x1, y1) that is rendered; the whole film where absent. Pixels inside a
     /// crop have the values they have in the whole film.
     std::optional<std::array<int, 4>> crop;
-};
-
-enum class CameraType { kPinhole, kThinLens };
-
-/// Lengths in metres; vfov is the full vertical angle.
-struct CameraDescription {
-    CameraType type = CameraType::kPinhole;
-    Vec3d origin{0, 0, 1}, target{0, 0, 0}, up{0, 1, 0};
-    double vfov_deg = 45;
-    double aperture_radius = 0;
-    double focus_distance = 1;
 };
 
 struct MeshDescription {

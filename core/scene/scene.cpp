@@ -62,10 +62,7 @@ std::unique_ptr<Mesh> make_mesh(MeshDescription&& d) {
 Scene::Scene(RenderDescription description, int threads, const CancelToken* cancel)
     : film_(description.film), textures_(std::move(description.textures)), accel_(threads) {
     const auto start = std::chrono::steady_clock::now();
-    const CameraDescription& c = description.camera;
-    const double aperture = c.type == CameraType::kThinLens ? c.aperture_radius : 0.0;
-    camera_ = std::make_unique<Camera>(c.origin, c.target, c.up, c.vfov_deg, aperture,
-                                       c.focus_distance, film_.width, film_.height);
+    camera_ = std::make_unique<Camera>(description.camera, film_.width, film_.height);
     materials_ = std::make_unique<MaterialTable>(description.materials, textures_);
 
     int interiors = 0;

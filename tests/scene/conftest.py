@@ -29,6 +29,10 @@ class Recorder:
         """Return the positional arguments of every call of one method."""
         return [arguments for called, arguments, _ in self.calls if called == name]
 
+    def calls_of(self, name: str) -> list[tuple[tuple[Any, ...], dict[str, Any]]]:
+        """Return positional and keyword arguments of every call of one method."""
+        return [(arguments, keys) for called, arguments, keys in self.calls if called == name]
+
 
 @pytest.fixture
 def recorded(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -35,7 +35,11 @@ def test_everything_reaches_the_core(recorded: None) -> None:
     made = described(scene)
     assert made.of("set_film") == [(64, 32, "tent", 1.0, (8, 4, 16, 12))]
     origin, target, up = (0.0, 1.0, 5.0), (0.0, 1.0, 0.0), (0.0, 2.0, 1.0)
-    assert made.of("set_camera") == [("thin_lens", origin, target, up, 50.0, 0.1, 4.0)]
+    lens = {
+        "vfov_deg": 50.0, "aperture_radius": 0.1, "focus_distance": 4.0,
+        "blades": 0, "blade_rotation_deg": 0.0, "aperture_ratio": 1.0,
+    }  # fmt: skip
+    assert made.calls_of("set_camera") == [(("thin_lens", origin, target, up), lens)]
     assert made.of("add_sphere") == [((0.0, 1.0, 0.0), 1.0, 0)]
     assert made.of("add_point_light") == [((2.0, 3.0, 2.0), (5.0, 6.0, 7.0))]
     assert made.of("add_directional_light") == [((0.0, -1.0, 0.0), (2.0, 2.0, 2.0))]

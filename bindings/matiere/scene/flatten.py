@@ -17,7 +17,6 @@ from numpy.typing import NDArray
 from matiere.errors import AssetChanged, Fault, SceneValidationError, pointed, pointer
 from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
-from matiere.scene.camera import PinholeCamera, ThinLensCamera
 from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
 from matiere.scene.materials import FileName, MaterialModel, ParamNode, TextureRef
 from matiere.scene.measured import Arrays, load_measured
@@ -188,16 +187,9 @@ def _read_measured(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
     film, camera = model.film, model.camera
     work.description.set_film(film.width, film.height, film.filter, film.radius, film.crop)
-    lens = camera if isinstance(camera, ThinLensCamera) else None
-    assert isinstance(camera, PinholeCamera | ThinLensCamera)
+    origin, target, up = camera.placement
     work.description.set_camera(
-        camera.type,
-        _near(camera.origin, center),
-        _near(camera.target, center),
-        tuple(camera.up),
-        camera.vfov_deg,
-        lens.aperture_radius if lens else 0.0,
-        lens.focus_distance if lens else 1.0,
+        camera.type, _near(origin, center), _near(target, center), up, **camera.settings()
     )
 
 

@@ -169,7 +169,7 @@ class SceneModel(Node):
     """A whole scene, checked. `mt.load` makes one; nothing after it needs to check again."""
 
     version: Version = Field(description="the number 1")
-    camera: Camera = Field(description="pinhole or thin_lens")
+    camera: Camera = Field(description="where the picture is taken from")
     film: Film = Field(default_factory=Film, description="image size and filter")
     render: Render = Field(default_factory=Render, description="when to stop; seed, depth")
     materials: dict[Name, Material] = Field(
