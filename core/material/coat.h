@@ -17,6 +17,7 @@ struct Coat {
     struct Refracted {
         Vec3<R> w;  ///< the same azimuth on the other side
         R T{};      ///< transmittance of a smooth surface; 0 beyond the critical angle
+        R F{R(1)};  ///< 1 - T
     };
 
     R eta() const { return above.eta; }
@@ -35,7 +36,7 @@ struct Coat {
     static Refracted through(Vec3<R> w, R eta_rel) {
         const FresnelTerms<R> F = fresnel_dielectric(w.z, eta_rel);
         if (!(F.cos_theta_t > R(0))) return {};
-        return {{w.x / eta_rel, w.y / eta_rel, F.cos_theta_t}, F.transmittance};
+        return {{w.x / eta_rel, w.y / eta_rel, F.cos_theta_t}, F.transmittance, F.reflectance};
     }
 };
 

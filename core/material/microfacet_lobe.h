@@ -5,6 +5,7 @@
 #include <optional>
 
 #include "material/bsdf.h"
+#include "material/half_vector.h"
 #include "optics/fresnel_term.h"
 #include "optics/microfacet.h"
 
@@ -23,13 +24,11 @@ struct MicrofacetLobe {
     /// f cos and pdf: f = F D G2 / (4 cos_o cos_i) (Torrance & Sparrow 1967).
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
         if (is_delta() || !(wo.z > R(0)) || !(wi.z > R(0))) return {};
-        const Vec3<R> sum = wo + wi;
-        const R l2 = length_squared(sum);
-        if (!(l2 > R(0))) return {};
-        const Vec3<R> h = sum * (R(1) / std::sqrt(l2));
-        const R D = surface.D(h);
-        const auto r = surface.reflection(wo, wi, h);
-        return {fresnel(dot(wo, h)) * (D * r.visibility), D * r.density};
+        const auto half = HalfVector<R>::between(wo, wi);
+        if (!(half.oh > R(0))) return {};
+        const R D = surface.D(half.h);
+        const auto r = surface.reflection(wo, wi, half.h);
+        return {fresnel(half.oh, half.versed) * (D * r.visibility), D * r.density};
     }
 
     /// Weight F G2 / G1, at most 1; nothing where the reflected direction is below the horizon.
@@ -41,7 +40,8 @@ struct MicrofacetLobe {
         const Vec3<R> wi = reflect(wo, h);
         if (!(wi.z > R(0))) return {};
         const auto r = surface.reflection(wo, wi, h);
-        return BsdfSample<R>{wi, fresnel(oh) * r.weight, surface.D(h) * r.density, lobe()};
+        const R versed = HalfVector<R>::versed_between(wo, wi, oh);
+        return BsdfSample<R>{wi, fresnel(oh, versed) * r.weight, surface.D(h) * r.density, lobe()};
     }
 };
 

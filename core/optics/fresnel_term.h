@@ -61,8 +61,9 @@ struct FresnelTerm {
     /// The same with 1 - cos_theta from whoever knows it better: all that Schlick's law sees near
     /// normal incidence where F0 is 0.
     Spectrum<R> operator()(R cos_theta, R versed) const {
-        if (kind != Kind::kSchlick) return (*this)(cos_theta);
+        if (kind != Kind::kSchlick && kind != Kind::kF82) return (*this)(cos_theta);
         const R w = sqr(versed * versed) * versed;
+        if (kind == Kind::kF82) return combine({R(1), w, cos_theta * versed * w});
         return a * (R(1) - w) + Spectrum<R>(w);
     }
 

@@ -17,10 +17,12 @@ def pairs(n: int = 500) -> tuple[np.ndarray, np.ndarray]:
     return w[0], w[1]
 
 
+NODES, WEIGHTS = np.polynomial.legendre.leggauss(1000)
+
+
 def seen_area(exponent: float, z: float) -> float:
     """Integrate D(h) max(w.h, 0) over the hemisphere, in closed form over azimuth."""
-    x, w = np.polynomial.legendre.leggauss(1000)
-    t, w = (x + 1) * np.pi / 4, w * np.pi / 4
+    t, w = (NODES + 1) * np.pi / 4, WEIGHTS * np.pi / 4
     a, b = z * np.cos(t), np.sqrt(1 - z * z) * np.sin(t)
     turn = np.arccos(np.clip(-a / np.maximum(b, 1e-300), -1, 1))
     ring = np.where(a >= b, 2 * np.pi * a, 2 * (a * turn + b * np.sin(turn)))

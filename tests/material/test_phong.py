@@ -9,7 +9,7 @@ import oracle
 import pytest
 from extremes import direction
 from mpmath import mpf, pi, sqrt
-from oracle_check import check, f32, sampled_pairs
+from oracle_check import check, check_model, f32, views
 
 from matiere import _core
 
@@ -174,25 +174,21 @@ def half_power(wo: Any, wi: Any, nu: Any, nv: Any) -> tuple[Any, Any, Any, Any]:
     return o, i, oracle.dot(o, h), h[2] ** e
 
 
-def phong_value(m: float, x: tuple[Any, ...]) -> Any:
-    _, i, _, power = half_power(x[:3], x[3:], m, m)
-    n = mpf(m)
-    return (n + 2) * (n + 4) / (8 * pi * (mpf(2) ** (-n / 2) + n)) * power * i[2]
+def phong_model(m: float) -> Any:
+    n, share = mpf(m), mpf(2) ** (-mpf(m) / 2)
 
+    def model(*x: Any) -> tuple[Any, Any]:
+        _, i, oh, power = half_power(x[:3], x[3:], m, m)
+        value = (n + 2) * (n + 4) / (8 * pi * (share + n)) * power * i[2]
+        return value, share * i[2] / pi + (1 - share) * (n + 1) / (2 * pi) * power / (4 * oh)
 
-def phong_pdf(m: float, x: tuple[Any, ...]) -> Any:
-    _, i, oh, power = half_power(x[:3], x[3:], m, m)
-    share = mpf(2) ** (-mpf(m) / 2)
-    return share * i[2] / pi + (1 - share) * (mpf(m) + 1) / (2 * pi) * power / (4 * oh)
+    return model
 
 
 @pytest.mark.parametrize("m", EXPONENTS)
 def test_blinn_phong_matches_fifty_digits(m: float) -> None:
     m = f32(m)
-    b = phong("float", exponent=m)
-    for wo, wi in sampled_pairs(b, 6, (1.0, 0.7, 0.05, 1e-3)):
-        check(b.eval(wo, wi)[0, 0], lambda *x: phong_value(m, x), wo, wi, m)
-        check(b.pdf(wo, wi)[0], lambda *x: phong_pdf(m, x), wo, wi, ("pdf", m))
+    check_model(phong("float", exponent=m), phong_model(m), m, n=6)
 
 
 @pytest.mark.parametrize("nu", EXPONENTS)
@@ -200,17 +196,30 @@ def test_blinn_phong_matches_fifty_digits(m: float) -> None:
 @pytest.mark.parametrize("F0", [0.0, 0.04, 1.0])
 def test_ashikhmin_shirley_matches_fifty_digits(nu: float, nv: float, F0: float) -> None:
     nu, nv, F0 = f32(nu), f32(nv), f32(F0)
-    b = shirley("float", nu=nu, nv=nv, F0=F0)
 
-    def pdf(*x: Any) -> Any:
-        _, _, oh, power = half_power(x[:3], x[3:], nu, nv)
-        return sqrt((mpf(nu) + 1) * (mpf(nv) + 1)) / (8 * pi) * power / oh
+    def model(*x: Any) -> tuple[Any, Any]:
+        o, i, oh, power = half_power(x[:3], x[3:], nu, nv)
+        pdf = sqrt((mpf(nu) + 1) * (mpf(nv) + 1)) / (8 * pi) * power / oh
+        return oracle.fresnel_schlick(oh, F0) * pdf * i[2] / max(o[2], i[2]), pdf
 
-    def value(*x: Any) -> Any:
-        o, i, oh, _ = half_power(x[:3], x[3:], nu, nv)
-        fresnel = mpf(F0) + (1 - mpf(F0)) * (1 - oh) ** 5
-        return fresnel * pdf(*x) * i[2] / max(o[2], i[2])
+    check_model(shirley("float", nu=nu, nv=nv, F0=F0), model, (nu, nv, F0))
 
-    for wo, wi in sampled_pairs(b, 4):
-        check(b.eval(wo, wi)[0, 0], value, wo, wi, (nu, nv, F0))
-        check(b.pdf(wo, wi)[0], pdf, wo, wi, ("pdf", nu, nv))
+
+@pytest.mark.parametrize("exponents", [(10.0, 200.0), (1e5, 1e5)])
+def test_the_papers_diffuse_term_matches_fifty_digits(exponents: tuple[float, float]) -> None:
+    # 28 / (23 pi) rho (1 - F0) (1 - (1 - o/2)^5) (1 - (1 - i/2)^5), added to the lobe.
+    rho, F0 = f32(0.7), f32(0.05)
+    shape = {"nu": exponents[0], "nv": exponents[1], "F0": F0}
+    both = shirley("float", **shape, diffuse=rho, coupling="paper")
+    lobe = shirley("float", **shape)
+
+    def body(*x: Any) -> tuple[Any, ...]:
+        o, i = oracle.vector(x[:3]), oracle.vector(x[3:])
+        rise = [1 - (1 - w[2] / 2) ** 5 for w in (o, i)]
+        return (28 / (23 * pi) * mpf(rho) * (1 - mpf(F0)) * rise[0] * rise[1] * i[2],)
+
+    for o in views():
+        for i in views((20.0, 85.0, 89.9)):
+            away = np.array([-i[1], i[0], i[2]])
+            if lobe.eval(o, away)[0, 0] == 0:  # the body alone
+                check(body, (*o, *away), shape, both.eval(o, away)[0, 0])

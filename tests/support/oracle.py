@@ -6,6 +6,7 @@ They take the engine's own float inputs; directions are normalised here.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any
 
 from mpmath import beta, erf, exp, expm1, gamma, log, mp, mpc, mpf, pi, quad, sqrt, workdps
@@ -16,7 +17,7 @@ Vector = Sequence[Any]
 
 def vector(w: Sequence[float]) -> list[Any]:
     """Return the direction, normalised."""
-    v = [mpf(float(x)) for x in w]
+    v = [x if isinstance(x, mpf) else mpf(float(x)) for x in w]
     n = sqrt(sum(x * x for x in v))
     return [x / n for x in v]
 
@@ -28,6 +29,8 @@ def dot(a: Vector, b: Vector) -> Any:
 def fresnel_dielectric(c: Any, eta: Any) -> Any:
     """Unpolarised reflectance by Snell's law and the amplitudes of each polarisation."""
     c, eta = mpf(c), mpf(eta)
+    if eta == 1:
+        return mpf(0)
     sin2_t = (1 - c * c) / (eta * eta)
     if sin2_t >= 1:
         return mpf(1)
@@ -44,6 +47,17 @@ def fresnel_conductor(c: Any, eta: Any, k: Any) -> Any:
     r_s = (c - n * t) / (c + n * t)
     r_p = (n * c - t) / (n * c + t)
     return (abs(r_s) ** 2 + abs(r_p) ** 2) / 2
+
+
+def fresnel_schlick(c: Any, F0: Any) -> Any:
+    return F0 + (1 - mpf(F0)) * (1 - c) ** 5
+
+
+def fresnel_f82(c: Any, F0: Any, tint: Any) -> Any:
+    """Schlick's law, lowered so that cos = 1/7 is `tint` times as bright (Kutz et al. 2021)."""
+    edge = mpf(1) / 7
+    dip = fresnel_schlick(edge, F0) * (1 - mpf(tint)) / (edge * (1 - edge) ** 6)
+    return min(max(fresnel_schlick(c, F0) - dip * c * (1 - c) ** 6, mpf(0)), mpf(1))
 
 
 def distribution(name: str, h: Vector, ax: Any, ay: Any) -> Any:
@@ -72,6 +86,7 @@ def big_lambda(name: str, w: Vector, ax: Any, ay: Any) -> Any:
     return (exp(-a * a) / (a * sqrt(pi)) - 1 + erf(a)) / 2
 
 
+@lru_cache(maxsize=64)
 def phong_lambda(cot: Any, nu: Any) -> Any:
     """Return Lambda for slopes of density K (1 + x^2)^(-(nu+1)/2): the integral of (x / cot - 1)
     times it beyond cot."""
@@ -145,29 +160,38 @@ def vector_sum(o: Vector, i: Vector, eta: Any) -> list[Any]:
     return [x / n for x in h]
 
 
-def condition(f: Callable[..., Any], inputs: Sequence[float]) -> Any:
-    """Relative change of f per relative change of its inputs, summed over the inputs."""
-    base = f(*inputs)
-    if base == 0:
-        return mpf(0)
+def conditions(f: Callable[..., Any], inputs: Sequence[float]) -> tuple[list[Any], list[Any]]:
+    """Return the values of f and the condition number of each: its relative change per relative
+    change of the inputs, summed over the inputs."""
+    base = list(f(*inputs))
     step = mpf(10) ** -12
-    total = mpf(0)
+    totals = [mpf(0)] * len(base)
     for k in range(len(inputs)):
         moved = [mpf(x) * (1 + step) if j == k else mpf(x) for j, x in enumerate(inputs)]
-        total += abs(f(*moved) - base) / (abs(base) * step)
-    return total
+        for n, there in enumerate(f(*moved)):
+            if base[n] != 0:
+                totals[n] += abs(there - base[n]) / (abs(base[n]) * step)
+    return base, totals
 
 
-#: Told (error, allowed) of every comparison of a model with its oracle: see oracle_log.py.
-listeners: list[Callable[[float, float], None]] = []
+#: Told (error, allowed, part) of every comparison of a model with its oracle: see oracle_log.py.
+listeners: list[Callable[[float, float, str], None]] = []
 
 
-def note(error: float, allowed: float) -> None:
+def note(error: float, allowed: float, part: str = "") -> None:
     """Tell the listeners of a comparison."""
     for listener in listeners:
-        listener(error, allowed)
+        listener(error, allowed, part)
+
+
+ALWAYS = 1e-5  # allowed at any condition
+
+
+def allowance(condition: Any) -> float:
+    """The relative error a float path may have: 1e-5, or 8 roundings of its inputs."""
+    return float(max(mpf(ALWAYS), 8 * mpf(2) ** -24 * condition))
 
 
 def bound(f: Callable[..., Any], inputs: Sequence[float]) -> float:
-    """The relative error a float path may have: 1e-5, or 8 roundings of its inputs."""
-    return float(max(mpf(1e-5), 8 * mpf(2) ** -24 * condition(f, inputs)))
+    """The allowance of one function at its inputs."""
+    return allowance(conditions(lambda *x: (f(*x),), inputs)[1][0])

@@ -2,7 +2,7 @@
 
     MATIERE_ORACLE_LOG=out.json python -m pytest -p oracle_log tests/material/test_oracle.py
 
-A comparison belongs to the model that the test made last.
+A comparison belongs to the part that it names, or to the model that the test made last.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import oracle
 
 from matiere import _core
 
-worst: dict[str, dict[str, float]] = {}
+worst: dict[str, dict[str, Any]] = {}
 _made: list[str] = ["none"]
 _real = _core.Bsdf
 
@@ -26,11 +26,14 @@ def _spy(type: str, *rest: Any, **more: Any) -> Any:
     return _real(type, *rest, **more)
 
 
-def _take(error: float, allowed: float) -> None:
-    known = worst.setdefault(_made[0], {"error": 0.0, "share": 0.0, "checks": 0})
+def _take(error: float, allowed: float, part: str) -> None:
+    name = f"{_made[0]}, tables" if part == "table" else part or _made[0]
+    known = worst.setdefault(name, {"error": 0.0, "share": 0.0, "checks": 0, "case": ""})
     known["checks"] += 1
     known["error"] = max(known["error"], error)
-    known["share"] = max(known["share"], error / allowed)
+    if error / allowed > known["share"]:
+        known["share"] = error / allowed
+        known["case"] = os.environ["PYTEST_CURRENT_TEST"].split("::")[-1].removesuffix(" (call)")
 
 
 def pytest_configure() -> None:

@@ -195,11 +195,11 @@ struct Dielectric {
     }
 
     BsdfEval<R> eval_reflection(Vec3<R> wo, Vec3<R> wi) const {
-        const Vec3<R> h = normalize(wo + wi);
-        const R oh = dot(wo, h);
-        const R F = fresnel_dielectric(oh, eta).reflectance;
-        const R D = surface.D(h);
-        const auto r = surface.reflection(wo, wi, h, false);
+        const auto half = HalfVector<R>::between(wo, wi);
+        if (!(half.oh > R(0))) return {};
+        const R F = fresnel_dielectric(half.oh, eta).reflectance;
+        const R D = surface.D(half.h);
+        const auto r = surface.reflection(wo, wi, half.h, false);
         return {Spectrum<R>(F * D * r.visibility), F * D * r.density};
     }
 

@@ -35,7 +35,7 @@ struct Layered {
         Value<R> eta, thickness;
         Value<Spectrum<R>> sigma_a;
         Value<int> method;
-        Spectrum<R> returned;                   ///< r of the closed form
+        Spectrum<R> escaping;                   ///< 1 - r of the closed form
         typename Dielectric<R>::Params walked;  ///< the surface as walks see it, with its tables
 
         static constexpr auto table() {
@@ -76,7 +76,7 @@ struct Layered {
     Coat<R> coat;
     Nested<R> base;
     LayerMethod method{};
-    Spectrum<R> returned;
+    Spectrum<R> escaping;
 
     static ParamError check(const Params& p) {
         if ((p.base.v.lobes() & kTransmission) != 0)
@@ -96,8 +96,8 @@ struct Layered {
         p.walked = surface_params(p);
         if (LayerMethod(p.method.v) == LayerMethod::kWalk) Dielectric<R>::tabulate(p.walked, store);
         if (LayerMethod(p.method.v) == LayerMethod::kExact)
-            p.returned =
-                p.tau().map([&](R t) { return R(coat_return(double(p.eta.v), double(t))); });
+            p.escaping =
+                p.tau().map([&](R t) { return R(coat_escape(double(p.eta.v), double(t))); });
     }
     static Layered prepare(const Params& p) {
         const Dielectric<R> d = Dielectric<R>::prepare(surface_params(p));
@@ -106,7 +106,7 @@ struct Layered {
         return {{d.at_interface(p.eta.v), d.at_interface(R(1) / p.eta.v), lobe, p.tau()},
                 p.base.v,
                 LayerMethod(p.method.v),
-                p.returned};
+                p.escaping};
     }
 
     bool is_anisotropic() const { return coat.lobe.surface.is_anisotropic(); }
@@ -172,16 +172,19 @@ struct Layered {
     /// All bounces of the closed form over the one pass.
     Spectrum<R> bounces() const {
         const Vec3<R> up{R(0), R(0), R(1)};
-        const Spectrum<R> rho = base.eval(up, up).f * kPi<R>;
-        Spectrum<R> more;
-        for (int c = 0; c < kActiveLanes; ++c) more[c] = R(1) / (R(1) - rho[c] * returned[c]);
+        Spectrum<R> more{R(1)};
+        const auto s = base.sample(up, {R(0.5), R(0.5), R(0.5)});
+        if (!s) return more;
+        const Spectrum<R> rho = s->weight;  // of Lambert: its albedo, to the last digit
+        for (int c = 0; c < kActiveLanes; ++c)
+            more[c] = R(1) / (R(1) - rho[c] + rho[c] * escaping[c]);
         return more;
     }
 
     /// Probability of sampling the base rather than the surface's reflection.
     R base_probability(const Refracted& o) const {
         const R below = o.T > R(0) ? o.T * crossing(o.w.z, o.w.z).average() : R(0);
-        return below > R(0) ? below / (R(1) - o.T + below) : R(0);
+        return below > R(0) ? below / (o.F + below) : R(0);
     }
 
     BsdfEval<R> eval_base(const Refracted& o, const Refracted& i, Vec3<R> wi) const {
