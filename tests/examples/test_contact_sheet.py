@@ -83,6 +83,7 @@ def test_headers_must_match_the_grid(tmp_path: Path) -> None:
         contact_sheet.make([], 2, "x")
 
 
+@pytest.mark.slow
 def test_large_images_shrink_and_large_grids_stay_within_the_limit(tmp_path: Path) -> None:
     image = solid(tmp_path / "big.png", (0.3, 0.6, 0.9), 400, 200)
     sheet = decode(contact_sheet.make([{"image": image}] * 2, 2, "x", cell_width=100), tmp_path)

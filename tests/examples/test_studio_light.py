@@ -36,6 +36,7 @@ def irradiance(image: npt.NDArray[np.float32]) -> npt.NDArray[np.float64]:
     return total
 
 
+@pytest.mark.slow
 def test_power_does_not_depend_on_resolution(studio_light: ModuleType) -> None:
     coarse = irradiance(studio_light.studio_light(256, 128))
     fine = irradiance(studio_light.studio_light(1024, 512))

@@ -149,7 +149,9 @@ def test_the_interval_holds_the_realised_error(
     assert np.median([r["upper"] / r["lower"] for r in rows]) < 1.6
 
 
-@pytest.mark.parametrize("replicates", [2, 4, 8])
+@pytest.mark.parametrize(
+    "replicates", [pytest.param(2, marks=SLOW), 4, pytest.param(8, marks=SLOW)]
+)
 def test_the_interval_is_not_wider_than_it_must_be(replicates: int) -> None:
     """Gaussian truth: half the log width is 1.96 standard deviations of log(realised/estimate)."""
     rows = runs("gaussian", 64, 0.3, replicates, 120)

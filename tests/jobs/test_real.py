@@ -83,7 +83,9 @@ def test_a_job_has_the_pixels_of_mt_render(quiet: list[str], tmp_path: Path) -> 
     assert hashlib.sha256(image.pixels.tobytes()).hexdigest() == quiet[0]
 
 
-@pytest.mark.parametrize(("children", "threads"), [(1, 2), (2, 1)])
+@pytest.mark.parametrize(
+    ("children", "threads"), [pytest.param(1, 2, marks=pytest.mark.slow), (2, 1)]
+)
 def test_one_hash_for_processes_and_threads(
     quiet: list[str], tmp_path: Path, children: int, threads: int
 ) -> None:
@@ -117,6 +119,7 @@ def test_a_render_killed_in_the_middle_resumes_with_the_same_bits(tmp_path: Path
     )
 
 
+@pytest.mark.slow
 def test_killed_children_change_nothing(quiet: list[str], tmp_path: Path) -> None:
     with open_engine(tmp_path, children=2, **OPTIONS) as engine:
         sweep = engine.submit_sweep(SCENE, AXES)

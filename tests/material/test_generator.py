@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from extremes import direction
+from oracle import note
 
 from matiere import _core
 
@@ -87,7 +88,9 @@ def test_eval_agrees_with_quadrature(precision: str, params: dict[str, Any]) -> 
     expected = p * seen[0] * seen[1] / (4 * wo[:, 2] * (upright * total / norm))
     value = b.eval(wo, wi)[:, 0]
     shown = expected > 1e-6 * expected.max()
-    assert value[shown] == pytest.approx(expected[shown], rel=1e-3)
+    error = float(np.abs(value[shown] / expected[shown] - 1).max())
+    note(error, 1e-3, "table")
+    assert error < 1e-3
 
 
 def test_leaning_facets_do_not_gain_energy() -> None:

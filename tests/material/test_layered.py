@@ -37,7 +37,10 @@ WALKS: dict[str, dict[str, Any]] = {
     },
     "anisotropic": {"base": GLOSSY, "alpha_x": 0.1, "alpha_y": 0.5},
 }
-walks = pytest.mark.parametrize("name", WALKS)
+QUICK = ("smooth over lambert", "rough over metal", "absorbing", "mixed base")
+walks = pytest.mark.parametrize(
+    "name", [pytest.param(n, marks=() if n in QUICK else pytest.mark.slow) for n in WALKS]
+)
 SPECULAR = 4
 
 

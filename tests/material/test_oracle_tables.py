@@ -55,8 +55,12 @@ def check_body(kind: str, coat: dict[str, Any], rho: float, eta2: float, widths:
         judge_table(b.eval(o, i)[0, 0], exact, i[2] / np.pi, (kind, coat, rho, o, i))
 
 
-@pytest.mark.parametrize("alpha", [0.03, 0.3, 1.0])
-@pytest.mark.parametrize("eta", [1.2, 2.4])
+SLOW = pytest.mark.slow
+ALPHAS = [pytest.param(0.03, marks=SLOW), 0.3, pytest.param(1.0, marks=SLOW)]
+
+
+@pytest.mark.parametrize("alpha", ALPHAS)
+@pytest.mark.parametrize("eta", [1.2, pytest.param(2.4, marks=SLOW)])
 @pytest.mark.parametrize("distribution", ["ggx", "beckmann"])
 def test_rough_plastic(alpha: float, eta: float, distribution: str) -> None:
     coat = {"alpha": alpha, "eta": eta, "distribution": distribution}
@@ -77,13 +81,21 @@ BODIES: list[tuple[str, dict[str, Any], Widths]] = [
 ]
 
 
-@pytest.mark.parametrize(("kind", "coat", "widths"), BODIES, ids=lambda x: str(x)[:60])
+def bodies() -> list[Any]:
+    """Return them; two widths take many times as long."""
+    return [
+        pytest.param(*body, id=f"{body[0]}-{k}", marks=[SLOW] if body[2][0] != body[2][1] else [])
+        for k, body in enumerate(BODIES)
+    ]
+
+
+@pytest.mark.parametrize(("kind", "coat", "widths"), bodies())
 def test_bodies_coupled_by_energy(kind: str, coat: dict[str, Any], widths: Widths) -> None:
     check_body(kind, coat, 0.8, 1.0, widths)
 
 
 @pytest.mark.parametrize("kind", ["cook_torrance", "conductor"])
-@pytest.mark.parametrize("alpha", [0.1, 0.3, 1.0])
+@pytest.mark.parametrize("alpha", [pytest.param(0.1, marks=SLOW), 0.3, 1.0])
 @pytest.mark.parametrize("masking", ["smith", "v_cavity"])
 def test_multiple_scattering(kind: str, alpha: float, masking: str) -> None:
     shape = {"alpha": alpha, "masking": masking}

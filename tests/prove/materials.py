@@ -142,10 +142,10 @@ def oracle_worst(log: Path) -> dict[str, dict[str, Any]]:
         str(path)
         for folder in ("material", "optics")
         for path in sorted((ROOT / "tests" / folder).glob("test_*.py"))
-        if re.search(r"^(import oracle|from oracle_check)", path.read_text(encoding="utf-8"), re.M)
+        if re.search(r"^(import|from) oracle", path.read_text(encoding="utf-8"), re.M)
     ]
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "-p", "oracle_log"]
-    words = ["-k", "oracle or digits"]
+    words = ["-k", "oracle or digits or quadrature or definition"]
     paths = [str(ROOT / "tests" / "support"), os.environ.get("PYTHONPATH", "")]
     environment = {"MATIERE_ORACLE_LOG": str(log), "PYTHONPATH": os.pathsep.join(paths)}
     done = subprocess.run(

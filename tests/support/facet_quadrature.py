@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 Doubles = NDArray[np.float64]
+nodes_and_weights = lru_cache(np.polynomial.legendre.leggauss)
 
 
 def albedo(b: Any, wo: Doubles, ax: float, ay: float, nodes: int = 160) -> float:
     """Return the integral of b.eval over the hemisphere, for a lobe about the facets whose slopes
     are about (ax, ay) wide."""
-    x, w = np.polynomial.legendre.leggauss(nodes)
+    x, w = nodes_and_weights(nodes)
     t, w = (x + 1) / 2, w / 2
     # Azimuths gather where facets turn from wo: at grazing all changes there.
     across = np.arctan2(-ax * wo[0], ay * wo[1])
-    half, share = np.polynomial.legendre.leggauss(nodes // 2)
+    half, share = nodes_and_weights(nodes // 2)
     phi = across + np.concatenate([(half + 1) / 2, (half + 3) / 2]) * np.pi
     share = np.concatenate([share, share]) / 4
     # Slopes (ax r cos, ay r sin) with r = t / (1 - t); solid angle of h = cos^3 times their area.
@@ -37,7 +39,7 @@ def albedo(b: Any, wo: Doubles, ax: float, ay: float, nodes: int = 160) -> float
 
 def average(b: Any, ax: float, ay: float, nodes: int = 64, azimuths: int = 1) -> float:
     """Return the cosine-weighted average of `albedo` over the hemisphere."""
-    x, w = np.polynomial.legendre.leggauss(16)
+    x, w = nodes_and_weights(16)
     s = (x + 1) / 2  # mu = s^2 gathers nodes at grazing
     total = 0.0
     for k in range(azimuths):

@@ -178,13 +178,22 @@ def conditions(f: Callable[..., Any], inputs: Sequence[float]) -> tuple[list[Any
 listeners: list[Callable[[float, float, str], None]] = []
 
 
+def never(error: float) -> bool:
+    return False
+
+
+#: Whether they care how much of its allowance an error below ALWAYS takes.
+curious: Callable[[float], bool] = never
+
+
 def note(error: float, allowed: float, part: str = "") -> None:
-    """Tell the listeners of a comparison."""
+    """Tell the listeners of a comparison; `allowed` is infinite where it is only known to be
+    enough."""
     for listener in listeners:
         listener(error, allowed, part)
 
 
-ALWAYS = 1e-5  # allowed at any condition
+ALWAYS = 1e-5  # relative error that is allowed at any condition
 
 
 def allowance(condition: Any) -> float:
