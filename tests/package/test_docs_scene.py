@@ -36,9 +36,7 @@ def test_default_values_are_those_of_the_model() -> None:
     assert (model.camera.up, model.camera.vfov_deg) == ((0, 1, 0), 40)
     assert (model.film.width, model.film.height, model.film.filter) == (256, 256, "gaussian")
     assert (model.render.spp_cap, model.render.seed, model.render.max_depth) == (64, 0, None)
-    assert (
-        "| `vfov_deg` | vertical field of view of the whole film, between 0 and 180 | 40 |" in TEXT
-    )
+    assert re.search(r"^\| `vfov_deg` \|.*\| 40 \|$", TEXT, re.MULTILINE)
 
 
 @pytest.mark.parametrize("index", range(len(snippets("json"))))
