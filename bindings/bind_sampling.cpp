@@ -35,7 +35,7 @@ py::tuple discrete_sample(const std::vector<double>& weights, const Array<std::u
         probability.mutable_at(py::ssize_t(i)) = double(d.probability(i));
     const py::ssize_t n = d.empty() ? 0 : u.size();
     py::array_t<std::uint32_t> index(n);
-    py::array_t<float> remainder(n);
+    py::array_t<double> remainder(n);
     for (py::ssize_t i = 0; i < n; ++i) {
         const auto c = d.sample(u.data()[i]);
         index.mutable_at(i) = c.index;

@@ -173,6 +173,15 @@ void bind_description(py::module_& m) {
             },
             py::arg("position"), py::arg("intensity"))
         .def(
+            "add_spot_light",
+            [](RenderDescription& d, const Triple& position, const Triple& direction,
+               const Triple& intensity, double inner_deg, double outer_deg) {
+                d.lights.emplace_back(SpotLightDescription{
+                    vec3f(position), vec3f(direction), spectrum(intensity), inner_deg, outer_deg});
+            },
+            py::arg("position"), py::arg("direction"), py::arg("intensity"), py::arg("inner_deg"),
+            py::arg("outer_deg"))
+        .def(
             "add_directional_light",
             [](RenderDescription& d, const Triple& direction, const Triple& irradiance) {
                 d.lights.emplace_back(
@@ -181,6 +190,7 @@ void bind_description(py::module_& m) {
             py::arg("direction"), py::arg("irradiance"))
         .def("set_environment", &set_environment, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
+        .def_readwrite("light_tree", &RenderDescription::light_tree)
         .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
 }
 

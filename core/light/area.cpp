@@ -1,5 +1,7 @@
 #include "light/area.h"
 
+#include <algorithm>
+
 namespace matiere {
 
 MeshShape::MeshShape(const Mesh& mesh, const std::vector<double>& weight) : mesh_(&mesh) {
@@ -45,6 +47,24 @@ std::optional<ShapeSample> MeshShape::sample(Vec3f reference, const SampleBlock&
 
 float MeshShape::pdf(Vec3f reference, std::uint32_t triangle, Vec3f p, Vec3f n) const {
     return area_to_solid_angle(pdf_area_[triangle], p - reference, n);
+}
+
+void MeshShape::bound(LightBounds& bounds) const {
+    Vec3d sum;
+    for (std::size_t i = 0; i < mesh_->triangle_count(); ++i) {
+        if (!(pdf_area_[i] > 0)) continue;
+        for (const std::uint32_t v : mesh_->triangle(i)) bounds.grow(mesh_->position(v));
+        sum = sum + triangle_cross(*mesh_, i);
+    }
+    bounds.cos_normal = -1;
+    if (!(length(sum) > 1e-6 * area_)) return;  // closed: all directions
+    const Vec3d axis = normalize(sum);
+    double least = 1;
+    for (std::size_t i = 0; i < mesh_->triangle_count(); ++i)
+        if (pdf_area_[i] > 0)
+            least = std::min(least, dot(axis, normalize(triangle_cross(*mesh_, i))));
+    bounds.axis = vec_cast<float>(axis);
+    bounds.cos_normal = float(least);
 }
 
 ShapeSample SphereShape::sample(Vec3f reference, const SampleBlock& u) const {

@@ -7,6 +7,7 @@
 
 #include "base/frame.h"
 #include "base/vec.h"
+#include "light/light_tree.h"
 #include "sampling/discrete.h"
 #include "sampling/sampler.h"
 #include "shape/mesh.h"
@@ -57,6 +58,8 @@ class MeshShape {
     std::optional<ShapeSample> sample(Vec3f reference, const SampleBlock& u) const;
     float pdf(Vec3f reference, std::uint32_t triangle, Vec3f p, Vec3f n) const;
     double area() const { return area_; }
+    /// Adds the triangles that shine, and sets the cone of their normals.
+    void bound(LightBounds& bounds) const;
 
  private:
     const Mesh* mesh_;

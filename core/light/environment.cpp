@@ -129,12 +129,12 @@ std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(const SampleBlo
 
     // Uniform in solid angle inside the cell: in cos(theta) and in phi.
     const double c0 = cos_edge_[row.index], c1 = cos_edge_[row.index + 1];
-    const auto cos_theta = float(c0 + double(row.remainder) * (c1 - c0));
+    const auto cos_theta = float(c0 + row.remainder * (c1 - c0));
     // sin from theta's distance to the nearer pole, not from 1 - cos^2.
-    const double one_minus = 1 - std::abs(c0 + double(row.remainder) * (c1 - c0));
+    const double one_minus = 1 - std::abs(c0 + row.remainder * (c1 - c0));
     const auto sin_theta = float(std::sqrt(std::max(0.0, one_minus * (2 - one_minus))));
     const float phi =
-        kTwoPi<float> * ((float(column.index) + column.remainder) / float(width_) - 0.5F);
+        kTwoPi<float> * ((float(column.index) + float(column.remainder)) / float(width_) - 0.5F);
 
     const Vec3f wi = from_angles(sin_theta, cos_theta, phi);
     const double solid_angle = (c0 - c1) * 2 * kPi<double> / double(width_);

@@ -1,5 +1,6 @@
 #include "light/light.h"
 
+#include <algorithm>
 #include <cmath>
 
 namespace matiere {
@@ -21,6 +22,9 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
     return std::visit(
         Overload{
             [](const PointLight& l) { return 4 * luminance(l.intensity); },
+            [](const SpotLight& l) {
+                return 2 * (1 - 0.5 * double(l.cos_inner + l.cos_outer)) * luminance(l.intensity);
+            },
             [&](const DirectionalLight& l) { return disk * luminance(l.irradiance); },
             [](const RectangleLight& l) { return double(l.shape.area) * luminance(l.radiance); },
             [&](const MeshLight& l) {
@@ -35,6 +39,50 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
                 return 4 * kPi<double> * disk * environment->sampled_luminance();
             }},
         light);
+}
+
+/// Whether a light has a place, so that the tree can hold it.
+bool stands(const Light& light) {
+    return !std::holds_alternative<DirectionalLight>(light) &&
+           !std::holds_alternative<EnvironmentTag>(light);
+}
+
+std::ptrdiff_t count_standing(const std::vector<Light>& lights) {
+    return std::count_if(lights.begin(), lights.end(), stands);
+}
+
+/// Everything but the power.
+LightBounds light_bounds(const Light& light, const MaterialTable& materials) {
+    LightBounds b;
+    std::visit(
+        Overload{[&](const PointLight& l) {
+                     b.grow(l.position);
+                     b.cos_normal = -1;
+                 },
+                 [&](const SpotLight& l) {
+                     b.grow(l.position);
+                     b.axis = l.direction;
+                     b.cos_normal = l.cos_inner;  // all its power there, then it fades
+                     b.cos_emit = std::cos(std::acos(l.cos_outer) - std::acos(l.cos_inner));
+                 },
+                 [&](const RectangleLight& l) {
+                     for (const Vec2f c : {Vec2f{0, 0}, Vec2f{0, 1}, Vec2f{1, 0}, Vec2f{1, 1}})
+                         b.grow(l.shape.corner + l.shape.edge_u * c.x + l.shape.edge_v * c.y);
+                     b.axis = l.shape.n;
+                 },
+                 [&](const MeshLight& l) {
+                     l.shape.bound(b);
+                     b.two_sided = materials[l.material].two_sided;
+                 },
+                 [&](const SphereLight& l) {
+                     const Sphere& s = l.shape.sphere;
+                     b.grow(s.center - Vec3f{s.radius, s.radius, s.radius});
+                     b.grow(s.center + Vec3f{s.radius, s.radius, s.radius});
+                     b.cos_normal = -1;
+                 },
+                 [](const auto&) {}},
+        light);
+    return b;
 }
 
 LightSample delta_sample(Vec3f wi, const Spectrumf& value) {
@@ -63,33 +111,80 @@ std::optional<LightSample> shape_sample(Vec3f reference, const ShapeSample& s,
 }  // namespace
 
 LightSet::LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> environment,
-                   const MaterialTable& materials, float scene_radius)
+                   const MaterialTable& materials, float scene_radius, bool tree)
     : lights_(std::move(lights)), environment_(std::move(environment)), materials_(&materials) {
     if (environment_) {
         environment_index_ = int(lights_.size());
         lights_.emplace_back(EnvironmentTag{});
     }
-    std::vector<double> power(lights_.size());
+    const bool use_tree = tree && count_standing(lights_) > 1;
+    std::vector<LightBounds> standing(use_tree ? lights_.size() : 0);
+    std::vector<double> power;
+    place_.resize(lights_.size());
+    for (std::size_t i = 0; i < lights_.size(); ++i) {
+        const double p = light_power(lights_[i], environment_, materials, double(scene_radius));
+        if (use_tree && stands(lights_[i])) {
+            standing[i] = light_bounds(lights_[i], materials);
+            standing[i].power = p;
+            continue;
+        }
+        place_[i] = std::uint32_t(choices_.size());
+        choices_.push_back(std::uint32_t(i));
+        power.push_back(p);
+    }
+    if (use_tree) {
+        tree_ = LightTree(standing);
+        for (std::size_t i = 0; i < lights_.size(); ++i)
+            if (stands(lights_[i])) place_[i] = std::uint32_t(choices_.size());
+        choices_.push_back(kTree);
+        power.push_back(tree_.power());
+    }
     double total = 0;
     int lit = 0;
-    for (std::size_t i = 0; i < power.size(); ++i) {
-        power[i] = light_power(lights_[i], environment_, materials, double(scene_radius));
-        total += power[i];
-        lit += power[i] > 0 ? 1 : 0;
+    for (const double p : power) {
+        total += p;
+        lit += p > 0 ? 1 : 0;
     }
     for (double& p : power)
         if (p > 0) p = 0.5 * p / total + 0.5 / lit;
     choice_ = DiscreteDistribution(power);
 }
 
+std::optional<LightSet::Choice> LightSet::choose(Vec3f reference, std::uint32_t u) const {
+    const auto first = choice_.sample(u);
+    const std::uint32_t chosen = choices_[first.index];
+    if (chosen != kTree) return Choice{chosen, first.probability};
+    const auto found = tree_.sample(reference, first.remainder);
+    if (!found) return std::nullopt;
+    return Choice{found->light, first.probability * found->probability};
+}
+
+float LightSet::probability(Vec3f reference, std::size_t light) const {
+    const std::size_t place = place_[light];
+    const float p = choice_.probability(place);
+    return choices_[place] == kTree ? p * tree_.probability(reference, std::uint32_t(light)) : p;
+}
+
 std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& u) const {
-    const auto choice = choice_.sample(u.bits[0]);
+    const auto choice = choose(reference, u.bits[0]);
+    if (!choice) return std::nullopt;
     auto found = std::visit(
         Overload{[&](const PointLight& l) -> std::optional<LightSample> {
                      const Vec3f to_light = l.position - reference;
                      const float d2 = length_squared(to_light);
                      if (!(d2 > 0)) return std::nullopt;
                      auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
+                     s.p = l.position;
+                     return s;
+                 },
+                 [&](const SpotLight& l) -> std::optional<LightSample> {
+                     const Vec3f to_light = l.position - reference;
+                     const float d2 = length_squared(to_light);
+                     if (!(d2 > 0)) return std::nullopt;
+                     const Vec3f wi = to_light * (1 / std::sqrt(d2));
+                     const float share = l.falloff(-wi);
+                     if (share == 0) return std::nullopt;
+                     auto s = delta_sample(wi, l.intensity * (share / d2));
                      s.p = l.position;
                      return s;
                  },
@@ -123,10 +218,10 @@ std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& 
                      s.infinite = true;
                      return s;
                  }},
-        lights_[choice.index]);
+        lights_[choice->light]);
     if (!found) return std::nullopt;
-    found->weight *= 1 / choice.probability;
-    found->pdf *= choice.probability;
+    found->weight *= 1 / choice->probability;
+    found->pdf *= choice->probability;
     return found;
 }
 
@@ -139,7 +234,7 @@ float LightSet::pdf(Vec3f reference, const LightHit& hit) const {
             [&](const SphereLight& l) { return l.shape.pdf(reference, hit.p, hit.n); },
             [](const auto&) { return 0.0F; }},
         lights_[i]);
-    return pdf * choice_.probability(i);
+    return pdf > 0 ? pdf * probability(reference, i) : 0.0F;
 }
 
 Spectrumf LightSet::emitted(int light, Vec2f uv, bool front) const {
@@ -157,7 +252,8 @@ Spectrumf LightSet::emitted(int light, Vec2f uv, bool front) const {
 
 float LightSet::pdf_environment(Vec3f direction) const {
     if (environment_index_ < 0 || choice_.empty()) return 0;
-    return environment_->pdf(direction) * choice_.probability(std::size_t(environment_index_));
+    return environment_->pdf(direction) *
+           choice_.probability(place_[std::size_t(environment_index_)]);
 }
 
 }  // namespace matiere

@@ -1,5 +1,6 @@
-// All lights of a scene behind one choice: power-weighted, half of it uniform, so that a light
-// whose power is misjudged from where a path stands still gets its share.
+// All lights of a scene behind one choice. Lights that stand somewhere are found by a tree as seen
+// from the point they light; the tree, the lights at infinity and the environment are weighed by
+// power, half of the choice uniform, so that what is misjudged from a point still gets its share.
 #pragma once
 
 #include <cstdint>
@@ -9,6 +10,7 @@
 
 #include "light/area.h"
 #include "light/environment.h"
+#include "light/light_tree.h"
 #include "material/material.h"
 
 namespace matiere {
@@ -21,6 +23,22 @@ struct PointLight {
 struct DirectionalLight {
     Vec3f direction;  ///< unit, where the light travels
     Spectrumf irradiance;
+};
+
+/// A point that shines into a cone, fading out from `cos_inner` to `cos_outer`.
+struct SpotLight {
+    Vec3f position, direction;  ///< unit, the axis away from the light
+    Spectrumf intensity;        ///< W/sr on the axis
+    float cos_outer, cos_inner;
+
+    /// Share of the intensity towards a direction: smooth between the two cones, 0 outside.
+    float falloff(Vec3f away) const {
+        const float c = dot(direction, away);
+        if (c <= cos_outer) return 0;
+        if (c >= cos_inner) return 1;
+        const float t = (c - cos_outer) / (cos_inner - cos_outer);
+        return t * t * (3 - 2 * t);
+    }
 };
 
 /// A rectangle of constant radiance, lit on the side of its normal.
@@ -43,8 +61,8 @@ struct SphereLight {
 /// The environment takes part in the choice by its index alone; the set holds it.
 struct EnvironmentTag {};
 
-using Light = std::variant<PointLight, DirectionalLight, RectangleLight, MeshLight, SphereLight,
-                           EnvironmentTag>;
+using Light = std::variant<PointLight, SpotLight, DirectionalLight, RectangleLight, MeshLight,
+                           SphereLight, EnvironmentTag>;
 
 /// Light arriving at a reference point from one sampled place.
 struct LightSample {
@@ -65,9 +83,10 @@ struct LightHit {
 
 class LightSet {
  public:
-    /// Radius of the scene's bounding sphere, for the power of what is infinitely far.
+    /// Radius of the scene's bounding sphere, for the power of what is infinitely far. Without
+    /// `tree` every light is chosen by its power alone (tests, benchmarks).
     LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> environment,
-             const MaterialTable& materials, float scene_radius);
+             const MaterialTable& materials, float scene_radius, bool tree = true);
 
     bool empty() const { return choice_.empty(); }
     int size() const { return int(lights_.size()); }
@@ -82,11 +101,22 @@ class LightSet {
     Spectrumf emitted(int light, Vec2f uv, bool front) const;
 
  private:
+    struct Choice {
+        std::size_t light;
+        float probability;
+    };
+    std::optional<Choice> choose(Vec3f reference, std::uint32_t u) const;
+    float probability(Vec3f reference, std::size_t light) const;
+
     std::vector<Light> lights_;
     std::optional<EnvironmentLight> environment_;
     const MaterialTable* materials_;
-    DiscreteDistribution choice_;
+    LightTree tree_;
+    DiscreteDistribution choice_;         ///< over `choices_`
+    std::vector<std::uint32_t> choices_;  ///< lights; kTree stands for all those in the tree
+    std::vector<std::uint32_t> place_;    ///< by light: its index in `choices_`
     int environment_index_ = -1;
+    static constexpr std::uint32_t kTree = ~0U;
 };
 
 }  // namespace matiere

@@ -41,10 +41,9 @@ DiscreteDistribution::Choice DiscreteDistribution::sample(std::uint32_t u) const
     const auto it = std::upper_bound(end_.begin(), end_.end(), lattice);
     const auto i = std::size_t(it - end_.begin());
     const std::uint32_t first = begin(i), count = end_[i] - first;
-    const float remainder =
-        (float(lattice - first) + 0.5F * float(1U + (u & 1U)) - 0.25F) / float(count);
-    return {std::uint32_t(i), float(count) * 0x1p-31F,
-            std::min(remainder, kOneMinusEpsilon<float>)};
+    const double remainder =
+        (double(lattice - first) + 0.5 * double(1U + (u & 1U)) - 0.25) / double(count);
+    return {std::uint32_t(i), float(count) * 0x1p-31F, remainder};
 }
 
 }  // namespace matiere

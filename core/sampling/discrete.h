@@ -23,7 +23,7 @@ class DiscreteDistribution {
     struct Choice {
         std::uint32_t index;
         float probability;
-        float remainder;  ///< position inside the chosen cell, in [0, 1)
+        double remainder;  ///< position inside the chosen cell, in [0, 1)
     };
     /// u in 0.32 fixed point. The distribution must not be empty.
     Choice sample(std::uint32_t u) const;

@@ -56,14 +56,22 @@ struct PointLightDescription {
     Spectrumf intensity;
 };
 
+/// Shines into a cone around `direction`: all of it up to `inner_deg` from the axis, nothing beyond
+/// `outer_deg`, smooth between.
+struct SpotLightDescription {
+    Vec3f position, direction;
+    Spectrumf intensity;
+    double inner_deg = 25, outer_deg = 30;
+};
+
 /// `direction` is where the light travels; irradiance in W/m^2 on a surface facing it.
 struct DirectionalLightDescription {
     Vec3f direction;
     Spectrumf irradiance;
 };
 
-using LightDescription =
-    std::variant<RectangleLightDescription, PointLightDescription, DirectionalLightDescription>;
+using LightDescription = std::variant<RectangleLightDescription, PointLightDescription,
+                                      SpotLightDescription, DirectionalLightDescription>;
 
 /// Lat-long radiance map: row 0 is +y, the centre column looks along -z, u grows to the right seen
 /// from inside. A 1 x 1 map is the constant environment.
@@ -83,6 +91,7 @@ struct RenderDescription {
     std::vector<SphereDescription> spheres;
     std::vector<LightDescription> lights;
     std::optional<EnvironmentDescription> environment;
+    bool light_tree = true;  ///< false: lights are chosen by power alone (tests, benchmarks)
 };
 
 }  // namespace matiere

@@ -142,6 +142,10 @@ void Scene::build_lights(const RenderDescription& description) {
             lights.emplace_back(RectangleLight{shape, r->radiance});
         } else if (const auto* p = std::get_if<PointLightDescription>(&l)) {
             lights.emplace_back(PointLight{p->position, p->intensity});
+        } else if (const auto* s = std::get_if<SpotLightDescription>(&l)) {
+            const auto cosine = [](double deg) { return float(std::cos(deg * kPi<double> / 180)); };
+            lights.emplace_back(SpotLight{s->position, normalize(s->direction), s->intensity,
+                                          cosine(s->outer_deg), cosine(s->inner_deg)});
         } else if (const auto* d = std::get_if<DirectionalLightDescription>(&l)) {
             lights.emplace_back(DirectionalLight{normalize(d->direction), d->irradiance});
         }
@@ -150,7 +154,7 @@ void Scene::build_lights(const RenderDescription& description) {
     if (const auto& e = description.environment)
         environment.emplace(e->width, e->height, e->pixels, e->rotation_deg, e->scale);
     lights_ = std::make_unique<LightSet>(std::move(lights), std::move(environment), *materials_,
-                                         bounding_radius());
+                                         bounding_radius(), description.light_tree);
 }
 
 float Scene::bounding_radius() const {

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from matiere.errors import AssetChanged, Fault, SceneValidationError, pointed, pointer
 from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
-from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight
+from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
 from matiere.scene.materials import FileName, MaterialModel, ParamNode, TextureRef
 from matiere.scene.measured import Arrays, load_measured
 from matiere.scene.meshes import Files, PlacedMesh, clean, load_mesh
@@ -305,6 +305,14 @@ def _add_lights(model: SceneModel, center: Vector, work: _Work) -> None:
             )
         elif isinstance(light, PointLight):
             work.description.add_point_light(_near(light.position, center), light.intensity)
+        elif isinstance(light, SpotLight):
+            work.description.add_spot_light(
+                _near(light.position, center),
+                light.direction,
+                light.intensity,
+                light.inner,
+                light.outer_deg,
+            )
         elif isinstance(light, DirectionalLight):
             work.description.add_directional_light(light.direction, light.irradiance)
 

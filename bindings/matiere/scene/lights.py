@@ -47,6 +47,35 @@ class PointLight(Node):
     intensity: Color = Field(description="W/sr")
 
 
+class SpotLight(Node):
+    """A point that shines into a cone, fading out smoothly towards its edge."""
+
+    type: Literal["spot"] = Field(description="which kind this is")
+    name: Name | None = Field(None, description="for messages and reports")
+    position: Vec3 = Field(description="metres")
+    direction: Direction = Field(description="axis of the cone, away from the light")
+    intensity: Color = Field(description="W/sr on the axis")
+    outer_deg: float = Field(
+        30.0,
+        gt=0,
+        le=180,
+        description="angle from the axis beyond which there is no light, degrees",
+    )
+    inner_deg: float | None = Field(
+        None, ge=0,
+        description="angle up to which there is all of it, degrees; null: 5/6 of outer_deg",
+    )  # fmt: skip
+
+    def problems(self) -> Iterable[Line]:
+        if self.inner_deg is not None and self.inner_deg > self.outer_deg:
+            yield ("inner_deg",), fault("out_of_range", "must not be greater than outer_deg")
+
+    @property
+    def inner(self) -> float:
+        """The inner angle in degrees, the usual one when none is given."""
+        return self.outer_deg * 5 / 6 if self.inner_deg is None else self.inner_deg
+
+
 class DirectionalLight(Node):
     """Light from infinitely far away."""
 
@@ -56,14 +85,18 @@ class DirectionalLight(Node):
     irradiance: Color = Field(description="W/m^2 on a surface that faces the light")
 
 
-LIGHTS = {"rectangle": RectangleLight, "point": PointLight, "directional": DirectionalLight}
+LIGHTS = {
+    "rectangle": RectangleLight,
+    "point": PointLight,
+    "spot": SpotLight,
+    "directional": DirectionalLight,
+}
+AnyLight = RectangleLight | PointLight | SpotLight | DirectionalLight
 Light = Annotated[
-    RectangleLight | PointLight | DirectionalLight,
+    AnyLight,
     PlainValidator(
         tagged("type", LIGHTS, "light type"),
-        json_schema_input_type=Annotated[
-            RectangleLight | PointLight | DirectionalLight, Field(discriminator="type")
-        ],
+        json_schema_input_type=Annotated[AnyLight, Field(discriminator="type")],
     ),
 ]
 

@@ -179,7 +179,9 @@ class SceneModel(Node):
         default_factory=list, max_length=1_000_000, description="spheres and meshes"
     )
     lights: list[Light] = Field(
-        default_factory=list, max_length=1_000_000, description="rectangle, point, directional"
+        default_factory=list,
+        max_length=1_000_000,
+        description="rectangle, point, spot, directional",
     )
     environment: Environment | None = Field(None, description="light from all around; null: none")
     textures: dict[Name, Texture] = Field(
