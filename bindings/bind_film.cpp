@@ -7,6 +7,7 @@
 #include <cstring>
 #include <string_view>
 
+#include "base/student.h"
 #include "film/counter_fields.h"
 #include "film/estimate.h"
 #include "film/film.h"
@@ -62,6 +63,16 @@ py::array_t<double> film_mean(const Film& film) {
     return array;
 }
 
+py::array_t<double> replicate_means(const Film& film) {
+    py::array_t<double> array({py::ssize_t(film.replicates()), py::ssize_t(film.height()),
+                               py::ssize_t(film.width()), py::ssize_t(kFilmChannels)});
+    double* out = array.mutable_data();
+    for (int r = 0; r < film.replicates(); ++r)
+        for (std::size_t p = 0; p < film.pixels(); ++p)
+            for (int c = 0; c < kFilmChannels; ++c) *out++ = film.mean(p, c, r);
+    return array;
+}
+
 py::array_t<float> sample_filter(const Filter& filter,
                                  const py::array_t<float, py::array::c_style>& u) {
     if (u.ndim() != 2 || u.shape(1) != 2) throw py::value_error("u must have shape (N, 2)");
@@ -88,6 +99,8 @@ void bind_plan(py::module_& m) {
         .def("round_up", &Plan::round_up, py::arg("spp"), "The smallest boundary >= spp.")
         .def("chunk_count", &Plan::chunk_count, py::arg("spp"))
         .def("is_look", &Plan::is_look, py::arg("spp"), py::arg("per_octave") = 2)
+        .def("look_number", &Plan::look_number, py::arg("spp"),
+             "Looks of a run up to this spp, from 1.")
         .def(
             "chunk",
             [](const Plan& plan, std::uint32_t index) {
@@ -126,6 +139,8 @@ void bind_chunk_film(py::module_& m) {
             py::arg("data"));
 }
 
+py::list tile_dicts(const Film& film, int edge);
+
 void bind_film_class(py::module_& m) {
     py::class_<Film>(m, "Film", "Replicate sums of an image, folded chunk by chunk in double.")
         .def(py::init<int, int, int>(), py::arg("width"), py::arg("height"), py::arg("replicates"))
@@ -153,9 +168,11 @@ void bind_film_class(py::module_& m) {
         .def("merge", &Film::merge, py::arg("other"), py::call_guard<py::gil_scoped_release>())
         .def("copy", [](const Film& film) { return Film(film); })
         .def("mean", &film_mean, "(H, W, 4) mean of R, G, B and alpha.")
+        .def("replicate_means", &replicate_means, "(R, H, W, 4) mean of each replicate.")
         .def("mean_variance", &image_of<&mean_variance>)
         .def("standard_error", &image_of<&standard_error>)
         .def("error_weights", &image_of<&error_weights>)
+        .def("tiles", &tile_dicts, py::arg("edge"), "estimate() of every square of `edge` pixels.")
         .def("estimate",
              [](const Film& film) {
                  ErrorEstimate e;
@@ -200,11 +217,24 @@ py::dict error_dict(const ErrorEstimate& e) {
         return e.known && std::isfinite(x) ? py::object(py::float_(x)) : py::object(py::none());
     };
     py::dict d;
+    const auto interval = [&](const char* lower, const char* upper, const Interval& i) {
+        d[lower] = number(i.lower);
+        d[upper] = number(i.upper);
+    };
+    const double split = look_confidence(e.look);
     d["known"] = e.known;
     d["relmse"] = number(e.relmse);
-    d["lower"] = number(e.lower);
-    d["upper"] = number(e.upper);
+    interval("lower", "upper", relmse_interval(e));
+    interval("any_time_lower", "any_time_upper", relmse_interval(e, split));
     d["rmse"] = number(e.rmse);
+    const bool lit = e.rmse_percent > 0.0;
+    d["rmse_percent"] = lit ? number(e.rmse_percent) : py::none();
+    const Interval at_once = lit ? rmse_percent_interval(e, split) : Interval{NAN, NAN};
+    const Interval alone = lit ? rmse_percent_interval(e) : Interval{NAN, NAN};
+    interval("rmse_percent_lower", "rmse_percent_upper", alone);
+    interval("rmse_percent_any_time_lower", "rmse_percent_any_time_upper", at_once);
+    d["look"] = e.look;
+    d["look_confidence"] = number(split);
     d["relmse_classic"] = number(e.relmse_classic);
     d["log_average"] = e.log_average;
     d["unknown_share"] = e.unknown_share;
@@ -212,7 +242,40 @@ py::dict error_dict(const ErrorEstimate& e) {
     return d;
 }
 
+namespace {
+
+py::list tile_dicts(const Film& film, int edge) {
+    if (edge < 1) throw py::value_error("edge must be at least 1");
+    std::vector<TileEstimate> tiles;
+    {
+        const py::gil_scoped_release release;
+        tiles = estimate_tiles(film, edge);
+    }
+    py::list rows;
+    for (const TileEstimate& tile : tiles) {
+        py::dict d = error_dict(tile.error);
+        d["x0"] = tile.x0;
+        d["y0"] = tile.y0;
+        d["x1"] = tile.x1;
+        d["y1"] = tile.y1;
+        d["mean"] = tile.error.mean;
+        d["mean_standard_error"] =
+            tile.error.known ? py::cast(tile.error.mean_standard_error) : py::none();
+        rows.append(d);
+    }
+    return rows;
+}
+
+}  // namespace
+
 void bind_film(py::module_& m) {
+    m.def("student_quantile", py::vectorize(&student_quantile), py::arg("tail"), py::arg("dof"),
+          "t with P(T > t) = tail, 0 < tail < 0.5.");
+    m.def("student_tail", py::vectorize(&student_tail), py::arg("t"), py::arg("dof"),
+          "P(T > t) for t >= 0.");
+    m.def("look_confidence", &look_confidence, py::arg("look"),
+          "Confidence of look k of a run: the misses of all looks sum to 5 %.");
+    m.attr("CONFIDENCE") = kConfidence;
     bind_plan(m);
     bind_chunk_film(m);
     bind_film_class(m);

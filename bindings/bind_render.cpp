@@ -37,6 +37,7 @@ double positive(const py::object& value, const char* pointer) {
 }
 
 /// {"spp": n, "seconds": s, "target_error": {"relmse": x}}, each absent or None if not asked for.
+/// The target may be "rmse_percent" as well, or "display", which Python measures.
 Stop parse_stop(const py::dict& d) {
     Stop stop;
     if (has(d, "spp")) {
@@ -47,9 +48,16 @@ Stop parse_stop(const py::dict& d) {
     if (has(d, "seconds")) stop.seconds = positive(d["seconds"], "/render/seconds");
     if (has(d, "target_error")) {
         const auto target = d["target_error"].cast<py::dict>();
-        if (!has(target, "relmse"))
-            throw SceneError("bad_stop", "target_error needs \"relmse\"", "/render/target_error");
-        stop.relmse = positive(target["relmse"], "/render/target_error/relmse");
+        stop.measured = has(target, "display");
+        if (has(target, "relmse"))
+            stop.relmse = positive(target["relmse"], "/render/target_error/relmse");
+        if (has(target, "rmse_percent"))
+            stop.rmse_percent =
+                positive(target["rmse_percent"], "/render/target_error/rmse_percent");
+        if (stop.measured + (stop.relmse > 0.0) + (stop.rmse_percent > 0.0) != 1)
+            throw SceneError("bad_stop",
+                             "target_error needs one of \"relmse\", \"rmse_percent\", \"display\"",
+                             "/render/target_error");
     }
     return stop;
 }
@@ -83,8 +91,15 @@ py::dict progress_dict(const Progress& p) {
 }
 
 /// Python's side of the pass loop: the GIL is taken for each call and signals are looked at.
-RenderHooks make_hooks(const py::object& callback) {
+RenderHooks make_hooks(const py::object& callback, const py::object& measure) {
     RenderHooks hooks;
+    if (!measure.is_none())
+        hooks.measure = [&measure]() -> std::optional<double> {
+            const py::gil_scoped_acquire gil;
+            const py::object excess = measure();
+            if (excess.is_none()) return std::nullopt;
+            return excess.cast<double>();
+        };
     hooks.poll = [] {
         const py::gil_scoped_acquire gil;
         if (PyErr_CheckSignals() != 0) throw py::error_already_set();
@@ -113,10 +128,11 @@ py::dict outcome_dict(const RenderOutcome& outcome, const Stop& stop, const Film
 }
 
 py::dict run_loop(const ChunkFunction& chunk, Film& film, const py::dict& stop_dict, int threads,
-                  const py::object& callback, const std::shared_ptr<CancelToken>& cancel) {
+                  const py::object& callback, const std::shared_ptr<CancelToken>& cancel,
+                  const py::object& measure = py::none()) {
     if (threads < 0 || threads > 1024) throw py::value_error("threads must be 0 to 1024");
     const Stop stop = parse_stop(stop_dict);
-    const RenderHooks hooks = make_hooks(callback);
+    const RenderHooks hooks = make_hooks(callback, measure);
     const auto token = cancel ? cancel : std::make_shared<CancelToken>();
     RenderOutcome outcome;
     {
@@ -145,8 +161,8 @@ py::dict next_step_dict(const Plan& plan, const py::dict& stop_dict, const py::d
     if (has(state, "spp")) now.spp = state["spp"].cast<std::uint64_t>();
     if (has(state, "elapsed_s")) now.elapsed_s = state["elapsed_s"].cast<double>();
     if (has(state, "s_per_spp")) now.s_per_spp = state["s_per_spp"].cast<double>();
-    if (has(state, "upper")) {
-        now.upper = state["upper"].cast<double>();
+    if (has(state, "excess")) {
+        now.excess = state["excess"].cast<double>();
         now.error_known = true;
         now.error_spp =
             has(state, "error_spp") ? state["error_spp"].cast<std::uint64_t>() : now.spp;
@@ -204,16 +220,17 @@ void bind_render(py::module_& m) {
     m.def(
         "render",
         [](const Scene& scene, const Settings& settings, Film& film, const py::dict& stop,
-           int threads, const py::object& callback, const std::shared_ptr<CancelToken>& cancel) {
+           int threads, const py::object& callback, const std::shared_ptr<CancelToken>& cancel,
+           const py::object& measure) {
             const Plan plan = film.plan();
             const ChunkFunction chunk = [&](std::uint32_t index, const CancelToken& token) {
                 return render_chunk(scene, settings, plan, index, token);
             };
-            return run_loop(chunk, film, stop, threads, callback, cancel);
+            return run_loop(chunk, film, stop, threads, callback, cancel, measure);
         },
         py::arg("scene"), py::arg("settings"), py::arg("film"), py::arg("stop"),
         py::arg("threads") = 0, py::arg("callback") = py::none(), py::arg("cancel") = nullptr,
-        "Continue a film to the first of the stop conditions.");
+        py::arg("measure") = py::none(), "Continue a film to the first of the stop conditions.");
     m.def("render_synthetic", &render_synthetic, py::arg("film"), py::arg("kind"), py::arg("stop"),
           py::arg("spread") = 1.0, py::arg("seed") = 0, py::arg("threads") = 0,
           py::arg("callback") = py::none(), py::arg("cancel") = nullptr,

@@ -76,7 +76,7 @@ class Job:
     state: JobState
     label: str
     priority: int
-    stop: JsonDict  # {"spp": int|None, "seconds": float|None, "target_error": {"relmse": x}|None}
+    stop: JsonDict  # {"spp": int|None, "seconds": float|None, "target_error": {kind: x}|None}
     width: int
     height: int
     film_key: str

@@ -80,6 +80,14 @@ class Prefix:
         self.log.append(row)
         return row
 
+    def measured(self, stop: JsonDict, row: JsonDict) -> JsonDict:
+        """Add to this boundary's row what the job's own target needs: the view is the job's."""
+        target = stop.get("target_error")
+        if not target or "display" not in target or row["spp"] != self.spp:
+            return row
+        added: JsonDict = self.fold.measured(stop, row)
+        return added
+
     def header(self) -> JsonDict:
         """Return what is stored beside the film."""
         return {"spp": self.spp, "chunks": self.chunks, "seconds": self.seconds, "log": self.log}
@@ -117,6 +125,8 @@ def _ended(work: Any, prefix: Prefix, jobs: Sequence[JsonDict]) -> list[JsonDict
         newest = prefix.log[-1] if prefix.log else None
         if job["fresh"] and job["stop"].get("target_error"):
             newest = prefix.look()
+        if newest is not None:
+            newest = prefix.measured(job["stop"], newest)
         reason = work.stop_reason(prefix.plan, job["stop"], prefix.spp, prefix.seconds, newest)
         if reason is None and prefix.spp >= job["spp_cap"]:
             reason = "spp"

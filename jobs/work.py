@@ -171,6 +171,10 @@ class Fold:
         """Estimate the error: one row of the log."""
         return chunks.look(self._film, seconds)
 
+    def measured(self, stop: Mapping[str, Any], row: JsonDict) -> JsonDict:
+        """Add to a row of the log what a display target needs."""
+        return chunks.measured(self._film, stop, row)
+
     def to_bytes(self) -> bytes:
         """Return the film as it is stored."""
         return self._film.to_bytes()
@@ -249,10 +253,10 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
 
 
 def _plot(film: Film, label: str) -> str:
-    from matiere.plot import error_plot
+    from matiere.plot import certificate_plot
 
     try:
-        return error_plot([(label or "this job", film.report["log"])])
+        return certificate_plot(film, label or "this job").svg()
     except ValueError as error:  # one replicate, or all replicates equal: an answer all the same
         return (
             '<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 720 60" width="720" height="60" '

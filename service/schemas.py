@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import posixpath
 from datetime import UTC, datetime
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     AfterValidator,
@@ -37,10 +37,34 @@ class _Request(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
-class Target(_Request):
-    """The error to reach."""
+class DisplayTarget(_Request):
+    """How far the delivered 8-bit image may be off, through the view of its output."""
 
-    relmse: float = Field(gt=0, description="estimated relative mean squared error of the image")
+    code_values: int = Field(1, ge=1, le=254, description="8-bit steps that a pixel may be off")
+    pixels_percent: Number = Field(
+        95.0, gt=0, lt=100, description="share of the pixels that keep to it, percent"
+    )
+
+
+class Target(_Request):
+    """The error to reach: one of the three."""
+
+    relmse: float | None = Field(
+        None, gt=0, description="estimated relative mean squared error of the image"
+    )
+    rmse_percent: float | None = Field(
+        None, gt=0, description="estimated root of the mean squared error, percent of the mean"
+    )
+    display: DisplayTarget | None = Field(
+        None, description="code values of the delivered image, through its view"
+    )
+
+    @model_validator(mode="after")
+    def _one(self) -> Self:
+        kinds = (self.relmse, self.rmse_percent, self.display)
+        if sum(kind is not None for kind in kinds) != 1:
+            raise ValueError("give one of relmse, rmse_percent, display")
+        return self
 
 
 class Stop(_Request):

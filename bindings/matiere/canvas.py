@@ -7,9 +7,13 @@ from dataclasses import dataclass, field
 from html import escape
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matiere.drawtext import TextMark
 
 Point = tuple[float, float]
 FINEST = 0.4  # points of a line nearer than this are one [pixels]
@@ -26,14 +30,24 @@ class Stroke:
 
 
 @dataclass(frozen=True)
+class Area:
+    """A filled outline."""
+
+    points: tuple[Point, ...]
+    color: str
+    opacity: float = 1.0
+
+
+@dataclass(frozen=True)
 class Label:
-    """A line of text; `at` is the start, middle or end of its baseline."""
+    """A line of text; `at` is the start, middle or end of its baseline; `turned` reads upwards."""
 
     at: Point
     text: str
     anchor: str = "middle"
     size: int = 12
     color: str = "#000000"
+    turned: bool = False
 
 
 @dataclass
@@ -42,7 +56,7 @@ class Canvas:
 
     width: int
     height: int
-    strokes: list[Stroke] = field(default_factory=list)
+    strokes: list[Stroke | Area] = field(default_factory=list)
     labels: list[Label] = field(default_factory=list)
 
     def line(
@@ -63,14 +77,26 @@ class Canvas:
         """Draw a filled circle."""
         self.strokes.append(Stroke((at, at), color, 2 * radius))
 
-    def text(self, at: Point, text: str, anchor: str = "middle", size: int = 12) -> None:
-        """Write a line of text; `anchor` is "start", "middle" or "end"."""
-        self.labels.append(Label(at, text, anchor, size))
+    def area(self, points: Sequence[Point], color: str, opacity: float = 1.0) -> None:
+        """Fill the outline through points."""
+        self.strokes.append(Area(tuple(points), color, opacity))
+
+    def text(
+        self,
+        at: Point,
+        text: str,
+        anchor: str = "middle",
+        size: int = 12,
+        color: str = "#000000",
+        turned: bool = False,
+    ) -> None:
+        """Write a line of text; `anchor` is "start", "middle" or "end"; `turned` reads upwards."""
+        self.labels.append(Label(at, text, anchor, size, color, turned))
 
     # -- SVG ------------------------------------------------------------------------------------
     def svg(self) -> str:
         """Return the page as an SVG document."""
-        body = "\n".join([*map(_svg_stroke, self.strokes), *map(_svg_label, self.labels)])
+        body = "\n".join([*map(_svg_shape, self.strokes), *map(_svg_label, self.labels)])
         return (
             f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {self.width} {self.height}"'
             f' width="{self.width}" height="{self.height}" font-family="sans-serif">\n'
@@ -80,20 +106,35 @@ class Canvas:
     # -- pixels ---------------------------------------------------------------------------------
     def pixels(self, scale: float = 2.0) -> NDArray[np.float32]:
         """Return the page as display-encoded RGB, (height * scale, width * scale, 3)."""
-        from matiere.drawtext import TextMark, draw_text, text_width
+        from matiere.drawtext import draw_text
 
         shape = (round(self.height * scale), round(self.width * scale), 3)
         page = np.ones(shape, dtype=np.float32)
         for stroke in self.strokes:
-            _paint(page, stroke, scale)
+            if isinstance(stroke, Area):
+                _fill(page, stroke, scale)
+            else:
+                _paint(page, stroke, scale)
+        for turned in (True, False):
+            page = np.ascontiguousarray(np.rot90(page, -1) if turned else page)
+            page = draw_text(page, self._marks(turned, scale))
+            page = np.ascontiguousarray(np.rot90(page) if turned else page)
+        return page
+
+    def _marks(self, turned: bool, scale: float) -> list[TextMark]:
+        """Return the lines that are turned, or the others; turned ones on a page turned back."""
+        from matiere.drawtext import TextMark, text_width
+
         marks = []
         for label in self.labels:
+            if label.turned != turned:
+                continue
+            x, y = label.at if not turned else (self.height - label.at[1], label.at[0])
             size = round(label.size * scale)
             shift = {"start": 0.0, "middle": 0.5, "end": 1.0}[label.anchor]
-            left = label.at[0] * scale - shift * text_width(label.text, size)
-            spot = (round(left), round(label.at[1] * scale))
+            spot = (round(x * scale - shift * text_width(label.text, size)), round(y * scale))
             marks.append(TextMark(spot, label.text, size, _rgb(label.color)))
-        return draw_text(page, marks)
+        return marks
 
     def save(self, path: Path) -> None:
         """Write .svg or .png, whole or not at all."""
@@ -106,7 +147,13 @@ class Canvas:
             write_image(path, self.pixels())
 
 
-def _svg_stroke(s: Stroke) -> str:
+def _svg_shape(s: Stroke | Area) -> str:
+    if isinstance(s, Area):
+        path = "M" + " L".join(f"{x:.1f} {y:.1f}" for x, y in s.points)
+        return f'<path d="{path} Z" fill="{s.color}" fill-opacity="{s.opacity:g}"/>'
+    if len(s.points) == 2 and s.points[0] == s.points[1]:
+        (x, y), _ = s.points
+        return f'<circle cx="{x:.1f}" cy="{y:.1f}" r="{s.width / 2:g}" fill="{s.color}"/>'
     dash = f' stroke-dasharray="{s.dash[0]:g} {s.dash[1]:g}"' if s.dash else ""
     path = "M" + " L".join(f"{x:.1f} {y:.1f}" for x, y in s.points)
     return (
@@ -117,8 +164,11 @@ def _svg_stroke(s: Stroke) -> str:
 
 def _svg_label(label: Label) -> str:
     x, y = label.at
+    place = f'x="{x:.1f}" y="{y:.1f}"'
+    if label.turned:
+        place = f'transform="translate({x:.1f} {y:.1f}) rotate(-90)"'
     return (
-        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{label.anchor}" font-size="{label.size}"'
+        f'<text {place} text-anchor="{label.anchor}" font-size="{label.size}"'
         f' fill="{label.color}">{escape(label.text)}</text>'
     )
 
@@ -153,6 +203,29 @@ def _paint(page: NDArray[np.float32], stroke: Stroke, scale: float) -> None:
         np.maximum(part, np.clip(half + 0.5 - distance, 0, 1), out=part)
     color = np.array(_rgb(stroke.color), dtype=np.float32)
     page += cover[..., None] * (color - page)
+
+
+def _fill(page: NDArray[np.float32], area: Area, scale: float) -> None:
+    """Blend an area: even-odd rule, 2 x 2 samples a pixel."""
+    points = np.array(area.points, dtype=float) * scale
+    cover = np.zeros(page.shape[:2], dtype=np.float32)
+    for dy in (0.25, 0.75):
+        for dx in (0.25, 0.75):
+            cover += 0.25 * _inside(points, cover.shape, dx, dy)
+    color = np.array(_rgb(area.color), dtype=np.float32)
+    page += area.opacity * cover[..., None] * (color - page)
+
+
+def _inside(
+    points: NDArray[np.float64], shape: tuple[int, ...], dx: float, dy: float
+) -> NDArray[np.bool_]:
+    x, y = np.arange(shape[1]) + dx, np.arange(shape[0]) + dy
+    odd = np.zeros(shape, dtype=bool)
+    for (ax, ay), (bx, by) in pairwise([*points, points[0]]):
+        rows = np.flatnonzero((ay <= y) != (by <= y))
+        crossing = ax + (y[rows] - ay) * (bx - ax) / (by - ay if by != ay else 1.0)
+        odd[rows] ^= x[None, :] < crossing[:, None]
+    return odd
 
 
 def _dashes(

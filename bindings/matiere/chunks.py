@@ -55,12 +55,13 @@ def stop_rule(model: SceneModel) -> dict[str, Any]:
 
     Without any of the three it is 64 samples per pixel.
     """
+    from matiere import target
+
     render = model.render
-    target = render.target_error
     rule: dict[str, Any] = {
         "spp": render.spp,
         "seconds": render.seconds,
-        "target_error": None if target is None else {"relmse": target.relmse},
+        "target_error": target.of_scene(model, render.target_error),
     }
     if not any(rule.values()):
         rule["spp"] = render.spp_cap
@@ -137,20 +138,34 @@ def next_step(
 ) -> dict[str, Any]:
     """Ask the stop rule what to do at `spp` samples per pixel after `seconds`.
 
-    `look` is the newest row of the error log. The answer holds `go_on`, `next_spp`, `reason` (None
+    `look` is the newest row of the error log; for a display target it must have passed through
+    `measured`. The answer holds `go_on`, `next_spp`, `reason` (None
     while it goes on), `look` (an estimate is due at this spp) and `seconds_left`.
     """
     from matiere import _core
+    from matiere.target import excess_of
 
     state: dict[str, Any] = {"spp": spp, "elapsed_s": seconds}
     if spp:
         state["s_per_spp"] = seconds / spp
-    if look is not None and look.get("upper") is not None:
-        state |= {"upper": look["upper"], "error_spp": look["spp"]}
+    if look is not None and stop.get("target_error"):
+        excess = excess_of(stop["target_error"], look)
+        if excess is not None:
+            state |= {"excess": excess, "error_spp": look["spp"]}
     try:
         return _core.next_step(of, dict(stop), state)
     except _core.SceneError as error:
         raise RenderError(str(error), code=error.code, pointer=error.pointer) from None
+
+
+def measured(film: _core.Film, stop: Stop, row: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a row of the log with what a display target needs: `display_excess`."""
+    from matiere.target import excess
+
+    target = stop.get("target_error")
+    if not target or "display" not in target:
+        return dict(row)
+    return {**row, "display_excess": excess(target, film)}
 
 
 def look(film: _core.Film, wall_s: float) -> dict[str, Any]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -134,11 +135,43 @@ class Film:
         """
         return self._core.estimate()
 
+    def certificate(self) -> dict[str, Any]:
+        """Return how wrong the image may be, with what confidence, and what that leaves out.
+
+        Plain JSON values: `statement` in words, intervals of `image` and `tiles`, standard errors
+        of `pixels`, the `target` asked for, the bias `ledger`, and in words what lies `outside`
+        of every interval. Unknown figures are None.
+        """
+        return copy.deepcopy(self._certificate)
+
+    @cached_property
+    def _certificate(self) -> dict[str, Any]:
+        from matiere.certificate import certificate
+
+        return certificate(self)
+
+    def tiles(self, edge: int | None = None) -> list[dict[str, Any]]:
+        """Return the error of every tile of `edge` x `edge` pixels (None: the plan's), row by row.
+
+        A row holds the pixels x0 <= x < x1, y0 <= y < y1, the keys of `error`, and `mean` with
+        `mean_standard_error`: the tile's mean R, G, B in radiance.
+        """
+        return self._core.tiles(self._core.plan.tile_edge if edge is None else edge)
+
+    def interval(self, confidence: float = 0.95) -> tuple[Image, Image]:
+        """Return lower and upper end for the true `mean` of every pixel and channel.
+
+        Two float64 (H, W, 3); NaN where nothing is known. From `standard_error` and Student's t;
+        a statement about each pixel alone, not about all of them at once.
+        """
+        from matiere.certificate import pixel_interval
+
+        return pixel_interval(self, confidence)
+
     @property
     def replicate_means(self) -> Image:
         """Mean radiance of every replicate, float64 (R, H, W, 3)."""
-        counts = np.asarray(self._core.counts)[None, ..., None]
-        return np.asarray(self._core.sums)[..., :3] * (self.replicates / np.maximum(counts, 1))
+        return self._core.replicate_means()[..., :3]
 
     @cached_property
     def despeckled(self) -> Despeckled:

@@ -387,7 +387,7 @@ def scene_linear(film: Film | NDArray[Any], *, despeckle: bool = False) -> Image
 def film_metadata(film: Any) -> dict[str, str | int | float]:
     """Return what a film says of itself, as attributes of an image file (`matiere:...`)."""
     report: Mapping[str, Any] = film.report
-    error = report.get("error") or {}
+    error, certificate = report.get("error") or {}, report.get("certificate") or {}
     found = {
         "scene": report.get("scene_digest"),
         "film_key": report.get("film_key"),
@@ -397,6 +397,12 @@ def film_metadata(film: Any) -> dict[str, str | int | float]:
         "relmse": error.get("relmse"),
         "relmse_lower": error.get("lower"),
         "relmse_upper": error.get("upper"),
+        "relmse_any_time_upper": error.get("any_time_upper"),
+        "rmse_percent": error.get("rmse_percent"),
+        "rmse_percent_upper": error.get("rmse_percent_upper"),
+        "look": error.get("look"),
+        "certificate": certificate.get("statement"),
+        "outside_certificate": " ".join(f"{line}." for line in certificate.get("outside") or ()),
         "reason": report.get("reason"),
         **{key: str(value) for key, value in (report.get("versions") or {}).items()},
     }

@@ -1,9 +1,9 @@
-"""Error against run time as an SVG: log-log axes with units, one curve with its 95 % band per film.
+"""Error against run time as SVG or PNG: log-log axes with units, a curve with its band per film.
 
     from matiere.plot import error_plot
     Path("error.svg").write_text(error_plot([("gold", film.report["log"])]))
 
-Written by hand so that a report costs no plotting library.
+Drawn by hand so that a report costs no plotting library.
 """
 
 from __future__ import annotations
@@ -12,8 +12,13 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from html import escape
-from typing import Any
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from matiere.canvas import Canvas
+
+if TYPE_CHECKING:
+    from matiere.film import Film
 
 Log = Sequence[Mapping[str, Any]]
 Curve = tuple[str, Log]
@@ -23,7 +28,7 @@ COLOURS = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#000000",
 )  # fmt: skip
 WIDTH, HEIGHT = 760, 480
-LEFT, RIGHT, TOP, BOTTOM = 82, 24, 48, 62
+LEFT, RIGHT, TOP, BOTTOM = 82, 24, 52, 62
 MAX_LEGEND = 16
 MAX_BANDS = 8  # beyond that the bands hide each other
 
@@ -57,49 +62,97 @@ class _Axis:
         return found
 
 
+@dataclass(frozen=True)
+class Goal:
+    """A target on the plot: in words, and how many times the time so far it is expected to take."""
+
+    text: str
+    excess: float | None  # None = unknown; at most 1 = reached
+
+
 def error_plot(curves: Iterable[Curve], title: str = "error against run time") -> str:
     """Return the SVG of relMSE against wall seconds; looks without a known error are left out.
 
     Bands are the 95 % prediction intervals; the dashed line falls as 1 / time, as independent
     samples do. Raises ValueError if no look has a known error.
     """
+    return draw_errors(curves, title).svg()
+
+
+def certificate_plot(film: Film, label: str = "this film") -> Canvas:
+    """Draw a film's error against time, what its target asks for and when that is expected.
+
+    The dark band is the 95 % interval of each look, the light one holds at all looks at once.
+    Raises ValueError if no look has a known error.
+    """
+    state, error = film.certificate()["target"], film.error
+    goal = None if state is None else Goal(state["text"], state["excess"])
+    title = f"relMSE {_short(error['relmse'])}"
+    if error["known"]:
+        title += f", with 95 % confidence {_short(error['lower'])} to {_short(error['upper'])}"
+    return draw_errors([(label, film.report["log"])], title, goal)
+
+
+def draw_errors(curves: Iterable[Curve], title: str, goal: Goal | None = None) -> Canvas:
+    """Draw relMSE against wall seconds. Raises ValueError if no look has a known error."""
     known = [(name, _points(log)) for name, log in curves]
     known = [(name, points) for name, points in known if points]
     if not known:
         raise ValueError("no look at the error is known, there is nothing to plot")
     points = [point for _, some in known for point in some]
+    ahead = _forecast(known[0][1][-1], goal)
     bands = len(known) <= MAX_BANDS
-    x = _axis([p[0] for p in points], LEFT, WIDTH - RIGHT)
-    errors = [v for p in points for v in (p[1:] if bands else p[1:2])]
-    y = _axis(errors, HEIGHT - BOTTOM, TOP)
-    parts = [*_frame(x, y, title, bands), _slope(x, y, points)]
+    x = _axis([p.seconds for p in points] + ahead[:1], LEFT, WIDTH - RIGHT)
+    errors = [v for p in points for v in (p.all() if bands else [p.relmse])]
+    y = _axis(errors + ahead[1:], HEIGHT - BOTTOM, TOP)
+    page = Canvas(WIDTH, HEIGHT)
+    _frame(page, x, y, title, bands)
+    _slope(page, x, y, points)
     for index, (_, some) in enumerate(known):
-        parts += _curve(x, y, some, COLOURS[index % len(COLOURS)], bands)
-    parts += _legend([name for name, _ in known])
-    body = "\n".join(parts)
-    return (
-        f'<svg xmlns="http://www.w3.org/2000/svg" viewBox="0 0 {WIDTH} {HEIGHT}" width="{WIDTH}" '
-        f'height="{HEIGHT}" font-family="sans-serif" font-size="12">\n'
-        f'<rect width="{WIDTH}" height="{HEIGHT}" fill="white"/>\n{body}\n</svg>\n'
-    )
+        _curve(page, x, y, some, COLOURS[index % len(COLOURS)], bands)
+    if goal is not None:
+        _goal(page, x, y, known[0][1][-1], goal, ahead)
+    _legend(page, [name for name, _ in known], wide=any(p.any_time for p in points) and bands)
+    return page
 
 
 def write_error_plot(
     path: str | os.PathLike[str], curves: Iterable[Curve], title: str = "error against run time"
 ) -> None:
-    """Write the plot as an SVG file, whole or not at all."""
-    from matiere.imageio import atomic_file
-
-    text = error_plot(curves, title)
-    with atomic_file(path) as temporary:
-        temporary.write_text(text, encoding="utf-8")
+    """Write the plot as an SVG or PNG file, whole or not at all."""
+    draw_errors(curves, title).save(Path(path))
 
 
-def _points(log: Log) -> list[tuple[float, float, float, float]]:
-    """(seconds, relMSE, lower, upper) of the looks where all is known and positive."""
-    keys = ("wall_s", "relmse", "lower", "upper")
-    rows = [[row.get(key) or 0.0 for key in keys] for row in log]
-    return sorted((r[0], r[1], r[2], r[3]) for r in rows if min(r) > 0)
+@dataclass(frozen=True)
+class _Look:
+    """A look whose figures are all known and positive."""
+
+    seconds: float
+    relmse: float
+    lower: float
+    upper: float
+    any_time: tuple[float, float] | None
+
+    def all(self) -> list[float]:
+        return [self.relmse, self.lower, self.upper, *(self.any_time or ())]
+
+
+def _points(log: Log) -> list[_Look]:
+    found = []
+    for row in log:
+        values = [row.get(key) or 0.0 for key in ("wall_s", "relmse", "lower", "upper")]
+        wide = [row.get(key) or 0.0 for key in ("any_time_lower", "any_time_upper")]
+        if min(values) > 0:
+            any_time = (wide[0], wide[1]) if min(wide) > 0 else None
+            found.append(_Look(values[0], values[1], values[2], values[3], any_time))
+    return sorted(found, key=lambda look: look.seconds)
+
+
+def _forecast(last: _Look, goal: Goal | None) -> list[float]:
+    """Seconds and relMSE where the target is expected to be met, if it is not yet."""
+    if goal is None or goal.excess is None or goal.excess <= 1.0:
+        return []
+    return [last.seconds * goal.excess, last.relmse / goal.excess]
 
 
 def _axis(values: Sequence[float], start: float, end: float) -> _Axis:
@@ -110,111 +163,122 @@ def _axis(values: Sequence[float], start: float, end: float) -> _Axis:
     return _Axis(low / pad, high * pad, start, end)
 
 
-def _frame(x: _Axis, y: _Axis, title: str, bands: bool) -> list[str]:
-    parts = [_text(WIDTH / 2, 26, title, size=15)]
+def _frame(page: Canvas, x: _Axis, y: _Axis, title: str, bands: bool) -> None:
+    page.text((WIDTH / 2, 26), title, size=15)
     for value, labelled in x.ticks():
         at = x.at(value)
-        parts.append(_line(at, TOP, at, HEIGHT - BOTTOM, "#d0d0d0" if labelled else "#eeeeee"))
+        page.line([(at, TOP), (at, HEIGHT - BOTTOM)], "#d0d0d0" if labelled else "#eeeeee")
         if labelled:
-            parts.append(_text(at, HEIGHT - BOTTOM + 18, _number(value)))
+            page.text((at, HEIGHT - BOTTOM + 18), _number(value))
     for value, labelled in y.ticks():
         at = y.at(value)
-        parts.append(_line(LEFT, at, WIDTH - RIGHT, at, "#d0d0d0" if labelled else "#eeeeee"))
+        page.line([(LEFT, at), (WIDTH - RIGHT, at)], "#d0d0d0" if labelled else "#eeeeee")
         if labelled:
-            parts.append(_text(LEFT - 8, at + 4, _number(value), anchor="end"))
-    width, height = WIDTH - RIGHT - LEFT, HEIGHT - BOTTOM - TOP
-    parts.append(
-        f'<rect x="{LEFT}" y="{TOP}" width="{width}" height="{height}" fill="none" stroke="#444"/>'
-    )
-    parts.append(_text(LEFT + width / 2, HEIGHT - 18, "render time / s (wall clock)", size=13))
+            page.text((LEFT - 8, at + 4), _number(value), anchor="end")
+    right, bottom = WIDTH - RIGHT, HEIGHT - BOTTOM
+    corners = [(LEFT, TOP), (right, TOP), (right, bottom), (LEFT, bottom), (LEFT, TOP)]
+    page.line(corners, "#444444")
+    page.text(((LEFT + right) / 2, HEIGHT - 18), "render time / s (wall clock)", size=13)
     label = "estimated relMSE" + (" (band: 95 % prediction interval)" if bands else "")
-    middle = TOP + height / 2
-    parts.append(
-        f'<text transform="translate(20 {middle:.1f}) rotate(-90)" text-anchor="middle" '
-        f'font-size="13">{label}</text>'
-    )
-    return parts
+    page.text((20, (TOP + bottom) / 2), label, size=13, turned=True)
 
 
 def _curve(
+    page: Canvas, x: _Axis, y: _Axis, looks: Sequence[_Look], colour: str, band: bool
+) -> None:
+    if band:
+        spans = [(look.seconds, *look.any_time) for look in looks if look.any_time]
+        _band(page, x, y, spans, colour, 0.10)
+        _band(page, x, y, [(k.seconds, k.lower, k.upper) for k in looks], colour, 0.22)
+    middle = [(x.at(look.seconds), y.at(look.relmse)) for look in looks]
+    if len(middle) > 1:
+        page.line(middle, colour, 1.6)
+    for at in middle:
+        page.dot(at, colour, 2.6)
+
+
+def _band(
+    page: Canvas,
     x: _Axis,
     y: _Axis,
-    points: Sequence[tuple[float, float, float, float]],
+    spans: Sequence[tuple[float, float, float]],
     colour: str,
-    band: bool,
-) -> list[str]:
-    parts = []
-    if band and len(points) > 1:
-        upper = [(x.at(t), y.at(high)) for t, _, _, high in points]
-        lower = [(x.at(t), y.at(low)) for t, _, low, _ in reversed(points)]
-        outline = _path([*upper, *lower])
-        parts.append(f'<path d="{outline} Z" fill="{colour}" fill-opacity="0.18"/>')
-    elif band:
-        t, _, low, high = points[0]
-        parts.append(_line(x.at(t), y.at(low), x.at(t), y.at(high), colour, 2))
-    middle = [(x.at(t), y.at(error)) for t, error, _, _ in points]
-    parts.append(f'<path d="{_path(middle)}" fill="none" stroke="{colour}" stroke-width="1.6"/>')
-    parts += [f'<circle cx="{a:.1f}" cy="{b:.1f}" r="2.6" fill="{colour}"/>' for a, b in middle]
-    return parts
+    opacity: float,
+) -> None:
+    if len(spans) > 1:
+        upper = [(x.at(t), y.at(high)) for t, _, high in spans]
+        lower = [(x.at(t), y.at(low)) for t, low, _ in reversed(spans)]
+        page.area([*upper, *lower], colour, opacity)
+    elif spans:
+        ((t, low, high),) = spans
+        left, right, top, bottom = x.at(t) - 2, x.at(t) + 2, y.at(high), y.at(low)
+        page.area([(left, top), (right, top), (right, bottom), (left, bottom)], colour, opacity)
 
 
-def _slope(x: _Axis, y: _Axis, points: Sequence[tuple[float, float, float, float]]) -> str:
+def _slope(page: Canvas, x: _Axis, y: _Axis, looks: Sequence[_Look]) -> None:
     """A line of slope -1 through the geometric middle of all points, clipped to the frame."""
-    n = len(points)
-    t0 = math.exp(sum(math.log(p[0]) for p in points) / n)
-    e0 = math.exp(sum(math.log(p[1]) for p in points) / n)
+    n = len(looks)
+    t0 = math.exp(sum(math.log(p.seconds) for p in looks) / n)
+    e0 = math.exp(sum(math.log(p.relmse) for p in looks) / n)
     start = max(x.low, t0 * e0 / y.high)
     end = min(x.high, t0 * e0 / y.low)
-    if start >= end:
-        return ""
-    line = _path([(x.at(t), y.at(t0 * e0 / t)) for t in (start, end)])
-    return f'<path d="{line}" fill="none" stroke="#888" stroke-dasharray="5 4"/>'
+    if start < end:
+        page.line([(x.at(t), y.at(t0 * e0 / t)) for t in (start, end)], "#888888", 1, (5, 4))
 
 
-def _legend(names: Sequence[str]) -> list[str]:
+def _goal(
+    page: Canvas, x: _Axis, y: _Axis, last: _Look, goal: Goal, ahead: Sequence[float]
+) -> None:
+    """Say below the title whether the target is reached, or where it is expected to be."""
+    state = "reached" if goal.excess is not None else "no forecast: the error is unknown"
+    if ahead:
+        seconds, relmse = ahead
+        here, there = (last.seconds, last.relmse), (seconds, relmse)
+        page.line([(x.at(t), y.at(e)) for t, e in (here, there)], "#d55e00", 1.6, (2, 4))
+        page.line([(x.at(seconds), y.at(relmse)), (x.at(seconds), HEIGHT - BOTTOM)], "#d55e00")
+        page.dot((x.at(seconds), y.at(relmse)), "#d55e00", 4)
+        state = f"expected after {_seconds(seconds)}"
+    page.text((WIDTH / 2, 43), f"target: {goal.text}; {state}", color="#a04000")
+
+
+def _legend(page: Canvas, names: Sequence[str], wide: bool) -> None:
     shown = [*names[:MAX_LEGEND]]
-    entries = [(name, COLOURS[i % len(COLOURS)], "") for i, name in enumerate(shown)]
+    entries = [(name, COLOURS[i % len(COLOURS)], 0) for i, name in enumerate(shown)]
     if len(names) > MAX_LEGEND:
-        entries.append((f"and {len(names) - MAX_LEGEND} more", "#ffffff", ""))
-    entries.append(("1 / time", "#888", ' stroke-dasharray="5 4"'))
+        entries.append((f"and {len(names) - MAX_LEGEND} more", "#ffffff", 0))
+    if wide:
+        entries.append(("light band: all looks at once", "#ffffff", 0))
+    entries.append(("1 / time", "#888888", 5))
     width = 34 + 6.6 * max(len(name) for name, _, _ in entries)
     left, top = WIDTH - RIGHT - width - 6, TOP + 6
-    parts = [
-        f'<rect x="{left:.1f}" y="{top}" width="{width:.1f}" height="{16 * len(entries) + 8}" '
-        'fill="white" fill-opacity="0.85" stroke="#ccc"/>'
-    ]
+    bottom = top + 16 * len(entries) + 8
+    box = [(left, top), (left + width, top), (left + width, bottom), (left, bottom)]
+    page.area(box, "#ffffff", 0.85)
+    page.line([*box, box[0]], "#cccccc")
     for row, (name, colour, dash) in enumerate(entries):
         at = top + 16 + 16 * row
-        parts.append(
-            f'<path d="M{left + 6:.1f} {at - 4} h18" stroke="{colour}" stroke-width="2"{dash}/>'
-        )
-        parts.append(_text(left + 29, at, name, anchor="start"))
-    return parts
+        ends = [(left + 6, at - 4), (left + 24, at - 4)]
+        page.line(ends, colour, 2, (dash, 4) if dash else None)
+        page.text((left + 29, at), name, anchor="start")
 
 
-def _path(points: Sequence[tuple[float, float]]) -> str:
-    return "M" + " L".join(f"{a:.1f} {b:.1f}" for a, b in points)
+def _short(value: float | None) -> str:
+    return "unknown" if value is None else f"{value:.2g}"
 
 
-def _line(x0: float, y0: float, x1: float, y1: float, colour: str, width: float = 1) -> str:
-    return (
-        f'<path d="M{x0:.1f} {y0:.1f} L{x1:.1f} {y1:.1f}" stroke="{colour}" '
-        f'stroke-width="{width:g}"/>'
-    )
-
-
-def _text(x: float, y: float, text: str, anchor: str = "middle", size: int = 12) -> str:
-    return (
-        f'<text x="{x:.1f}" y="{y:.1f}" text-anchor="{anchor}" font-size="{size}">'
-        f"{escape(text)}</text>"
-    )
+def _seconds(value: float) -> str:
+    """A duration as people say it."""
+    if value < 120:
+        return f"{value:.2g} s"
+    if value < 7200:
+        return f"{value / 60:.2g} min"
+    return f"{value / 3600:.2g} h" if value < 172800 else f"{value / 86400:.2g} days"
 
 
 def _number(value: float) -> str:
-    """A tick label: plain near 1, a power of ten elsewhere."""
+    """A tick label: plain near 1, as 2e-5 elsewhere."""
     if 1e-3 <= value < 1e4:
         return f"{value:.10g}"
     exponent = math.floor(math.log10(value) + 1e-9)
     digit = round(value / 10.0**exponent)
-    power = "10" + str(exponent).translate(str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹"))
-    return power if digit == 1 else f"{digit}·{power}"
+    return f"{digit}e{exponent}"

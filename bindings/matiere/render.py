@@ -10,7 +10,7 @@ from pathlib import Path
 from types import EllipsisType
 from typing import TYPE_CHECKING, Any
 
-from matiere import chunks
+from matiere import chunks, target
 from matiere.errors import Cancelled, FilmError, MemoryLimitError, RenderError
 from matiere.film import Film, FilmInfo, why_different
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matiere.scene.scene import Scene
 
 Callback = Callable[[dict[str, Any]], bool | None]
-TargetError = float | Mapping[str, float]
+TargetError = float | Mapping[str, Any]
 
 log = logging.getLogger("matiere")
 
@@ -43,7 +43,8 @@ def render(
 
     Stops at whichever comes first of `spp` (rounded up to a boundary of the chunk plan), `seconds`
     of wall time spent rendering (an overshoot above 10 % happens only if the very first pass is
-    longer) and `target_error` ({"relmse": x}, or x: the upper end of the 95 % interval). If one of
+    longer) and `target_error` (x or {"relmse": x}, {"rmse_percent": x}, or {"display":
+    {"code_values": 1, "pixels_percent": 95}} through the scene's view; docs/error.md). If one of
     the three is given here the scene's own stop rule is ignored; with `seconds` or `target_error`
     alone, spp is capped at 2^20. `report["reason"]` names what ended the render.
 
@@ -71,7 +72,9 @@ def render(
     core = chunks.new_film(chunks.plan(asked.model)) if film is None else film.core.copy()
     settings = chunks.settings(asked.model)
     try:
-        outcome = _core.render(built, settings, core, stop, threads, callback, cancel)
+        outcome = _core.render(
+            built, settings, core, stop, threads, callback, cancel, _measure(stop, core)
+        )
     except _core.SceneError as error:
         raise RenderError(str(error), code=error.code, pointer=error.pointer) from None
     if outcome["reason"] == "cancelled":
@@ -161,14 +164,16 @@ def _stop_rule(
         rule["spp"] = _integer("spp", spp, 1, _core.MAX_SPP)
     if seconds is not None:
         rule["seconds"] = _positive("seconds", seconds)
-    if target_error is not None:
-        if isinstance(target_error, Mapping):
-            if set(target_error) != {"relmse"}:
-                why = f'target_error must be {{"relmse": x}}, not {dict(target_error)!r}'
-                raise RenderError(why, code="out_of_range", pointer="/render/target_error")
-            target_error = target_error["relmse"]
-        rule["target_error"] = {"relmse": _positive("target_error/relmse", target_error)}
+    rule["target_error"] = target.of_scene(scene.model, target_error)
     return rule
+
+
+def _measure(stop: Mapping[str, Any], core: _core.Film) -> Callable[[], float | None] | None:
+    """Return what the pass loop asks at every look, if Python measures the target."""
+    asked = stop["target_error"]
+    if not asked or "display" not in asked:
+        return None
+    return lambda: target.excess(asked, core)
 
 
 def _check_continues(wanted: FilmInfo, film: Film) -> None:

@@ -16,7 +16,7 @@ REASONS = {
     "spp": "the samples per pixel asked for were reached",
     "cap": "the cap of 2^20 samples per pixel was reached",
     "seconds": "the time asked for was used up (the next pass would have overshot)",
-    "target_error": "the upper end of the 95 % interval fell below the error asked for",
+    "target_error": "the any-time interval of the error came to lie within what was asked for",
     "callback": "the callback asked to stop",
     "merged": "films of several seeds were merged",
 }
@@ -54,6 +54,7 @@ def film_report(film: Film) -> dict[str, Any]:
         "build_s": info.build_s,
         "threads": info.threads,
         "error": {**film.error, "standard_error": standard_error_summary(film)},
+        "certificate": film.certificate(),
         "log": [dict(row) for row in info.log],
         "samples": samples,
         "rays": rays,
@@ -162,6 +163,7 @@ def report_text(report: Mapping[str, Any]) -> str:
     lines = [head, "", _error_line(report["error"]), "", *_table(report["log"])]
     extra = [report["spp_note"], *report["warnings"]]
     lines += ["", *(f"note: {line}" for line in extra if line)] if any(extra) else []
+    lines += ["", "not in the interval:", *(f"- {x}" for x in report["certificate"]["outside"])]
     return "\n".join(lines).rstrip() + "\n"
 
 
@@ -170,10 +172,10 @@ def _error_line(error: Mapping[str, Any]) -> str:
         return "relMSE unknown"
     se = error["standard_error"]
     return (
-        f"relMSE {_number(error['relmse'])} (95 %: {_number(error['lower'])} to "
-        f"{_number(error['upper'])}), RMSE {_number(error['rmse'])}, standard error mean "
-        f"{_number(se['mean'])}, p95 {_number(se['p95'])}, max {_number(se['max'])}, "
-        f"m {_number(error['log_average'])}, unknown {100 * error['unknown_share']:.3g} %"
+        f"relMSE {number_text(error['relmse'])} (95 %: {number_text(error['lower'])} to "
+        f"{number_text(error['upper'])}), RMSE {number_text(error['rmse'])}, standard error mean "
+        f"{number_text(se['mean'])}, p95 {number_text(se['p95'])}, max {number_text(se['max'])}, "
+        f"m {number_text(error['log_average'])}, unknown {100 * error['unknown_share']:.3g} %"
     )
 
 
@@ -186,12 +188,13 @@ _COLUMNS = (
 
 def _table(log: list[Mapping[str, Any]]) -> list[str]:
     rows = [[title for title, _ in _COLUMNS]]
-    rows += [[_number(row[key]) for _, key in _COLUMNS] for row in log]
+    rows += [[number_text(row[key]) for _, key in _COLUMNS] for row in log]
     widths = [max(len(row[i]) for row in rows) for i in range(len(_COLUMNS))]
     return ["  ".join(cell.rjust(w) for cell, w in zip(row, widths, strict=True)) for row in rows]
 
 
-def _number(value: Any) -> str:
+def number_text(value: Any) -> str:
+    """Return a figure to three digits, or "unknown"."""
     if value is None:
         return "unknown"
     return str(value) if isinstance(value, int) else f"{value:.3g}"

@@ -5,6 +5,8 @@
 #include <cmath>
 #include <limits>
 
+#include "base/student.h"
+#include "film/difference_variance.h"
 #include "film/film_rows.h"
 #include "film/pixel_pairs.h"
 
@@ -12,7 +14,7 @@ namespace matiere {
 namespace {
 
 constexpr int kC = kColorChannels;
-constexpr double kNormal975 = 1.959963984540054;
+constexpr double kLeastFreedom = 3.0;  ///< one pixel alone still has its replicates
 
 double luminance(const double* rgb) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
@@ -38,163 +40,153 @@ double log_average(const Film& film, WindowPyramid* windows = nullptr) {
     return n == 0 ? 0.0 : std::exp(sum / double(n));
 }
 
-/// Indices of pairs of pairs that share no replicate, inside each cyclic block of four neighbouring
-/// replicates: all three for R = 4, 3 R of them above.
-std::vector<std::array<std::size_t, 2>> disjoint_pairs(const PixelPairs& pixel, int replicates) {
-    const auto& pairs = pixel.pairs();
-    const auto in_block = [&](int start, int r) {
-        return (r - start + replicates) % replicates < 4;
-    };
-    const auto share_a_block = [&](const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-        for (int s = 0; s < replicates; ++s)
-            if (in_block(s, a.i) && in_block(s, a.j) && in_block(s, b.i) && in_block(s, b.j))
-                return true;
-        return false;
-    };
-    std::vector<std::array<std::size_t, 2>> result;
-    for (std::size_t p = 0; p < pairs.size(); ++p)
-        for (std::size_t q = p + 1; q < pairs.size(); ++q) {
-            const auto &a = pairs[p], &b = pairs[q];
-            const bool disjoint = a.i != b.i && a.i != b.j && a.j != b.i && a.j != b.j;
-            if (disjoint && share_a_block(a, b)) result.push_back({p, q});
+/// Sums of one region (the image or a tile) while the rows of the film pass.
+struct RegionSums {
+    double pixels = 0.0, unknown = 0.0;
+    double relative = 0.0, absolute = 0.0, classic = 0.0;
+    VarianceSum relative_variance, absolute_variance;
+    double scale_noise = 0.0;
+    std::array<double, kC> mean{}, variance{};  ///< of the radiance
+
+    void add(const FilmRows& rows, const PixelPairs& pixel, int x) {
+        pixels += 1.0;
+        if (pixel.all_equal()) unknown += 1.0;
+        relative += pixel.weighted_variance();
+        for (std::size_t c = 0; c < kC; ++c) {
+            const double v = rows.variance(x)[c], m = rows.mean(x)[c];
+            absolute += v;
+            classic += v / (m * m + kClassicFloor);
+            mean[c] += m;
+            variance[c] += v;
         }
-    return result;
-}
-
-/// The variance of D summed over pixels, and the sum of squares that tells how many carry it.
-class DifferenceVariance {
- public:
-    DifferenceVariance(const PixelPairs& pixel, int replicates, int width)
-        : replicates_(replicates), disjoint_(disjoint_pairs(pixel, replicates)) {
-        if (disjoint_.empty()) above_.resize(std::size_t(width), pixel);
     }
-
-    void add(const PixelPairs& pixel, int x, int y) {
-        const double v = disjoint_.empty() ? by_neighbours(pixel, x, y) : by_pairs(pixel);
-        sum_ += v;
-        squares_ += v * v;
-    }
-    double sum() const { return sum_; }
-    double effective_pixels() const { return squares_ > 0.0 ? sum_ * sum_ / squares_ : 0.0; }
-
- private:
-    double factor() const { return 2.0 / (double(replicates_) * (replicates_ - 1.0)); }
-
-    double by_pairs(const PixelPairs& pixel) const {
-        double sum = 0.0;
-        for (const auto& [p, q] : disjoint_)
-            sum += covariance_product(pixel.pairs()[p], pixel.pairs()[q]);
-        return factor() * sum / double(disjoint_.size());
-    }
-
-    /// R < 4 has no disjoint pairs: the product of two neighbours stands for the square of one.
-    double by_neighbours(const PixelPairs& pixel, int x, int y) {
-        const auto column = std::size_t(x);
-        double sum = 0.0;
-        int n = 0;
-        const auto with = [&](const PixelPairs& other) {
-            for (const auto& a : pixel.pairs())
-                for (const auto& b : other.pairs()) sum += covariance_product(a, b);
-            n += int(pixel.pairs().size() * other.pairs().size());
-        };
-        if (y > 0) with(above_[column]);      // still the row above: this column comes next
-        if (x > 0) with(above_[column - 1]);  // already this row
-        above_[column] = pixel;
-        return n == 0 ? 0.0 : factor() * sum / double(n);
-    }
-
-    int replicates_;
-    std::vector<std::array<std::size_t, 2>> disjoint_;
-    std::vector<PixelPairs> above_;
-    double sum_ = 0.0, squares_ = 0.0;
 };
 
-/// The variance that the noise of S adds to the estimate. S is shared within 5 x 5 pixels: inside
-/// blocks of that size its noise is taken as common, between them as independent, which has the
-/// same sum of covariances as the sliding window.
-class ScaleNoise {
- public:
-    explicit ScaleNoise(int width) : blocks_(std::size_t(width / kBlock) + 1, 0.0) {}
+double ratio(double a, double b) { return b > 0.0 ? a / b : 0.0; }
 
-    void add(const PixelPairs& pixel, int x) {
-        blocks_[std::size_t(x / kBlock)] += pixel.scale_noise();
+/// The logarithm of an estimate with relative variance v has this standard deviation: an interval
+/// in log space suits a squared error, which is positive and skewed.
+double log_deviation(double v) { return std::sqrt(std::log1p(v)); }
+
+ErrorEstimate finish(const RegionSums& s, double log_average, std::uint64_t look) {
+    ErrorEstimate e;
+    const double n = s.pixels * kC;
+    e.log_average = log_average;
+    e.look = look;
+    e.unknown_share = s.unknown / s.pixels;
+    e.known = s.unknown < s.pixels && s.relative > 0.0;
+    e.relmse = s.relative / n;
+    e.rmse = std::sqrt(s.absolute / n);
+    e.relmse_classic = s.classic / n;
+    double mean = 0.0, mean_deviation = 0.0;
+    for (std::size_t c = 0; c < kC; ++c) {
+        e.mean[c] = s.mean[c] / s.pixels;
+        e.mean_standard_error[c] = std::sqrt(s.variance[c]) / s.pixels;
+        mean += e.mean[c] / kC;
+        mean_deviation += e.mean_standard_error[c] / kC;  // as if the channels were one
     }
-    /// To be called after every row.
-    void end_row(int y, bool last) {
-        if ((y + 1) % kBlock != 0 && !last) return;
-        for (double& b : blocks_) sum_ += sqr(b);
-        std::fill(blocks_.begin(), blocks_.end(), 0.0);
-    }
-    double sum() const { return sum_; }
-
- private:
-    static constexpr int kBlock = 2 * kSmoothRadius + 1;
-    std::vector<double> blocks_;
-    double sum_ = 0.0;
-};
-
-/// 97.5 % point of Student's t (Cornish-Fisher expansion, Abramowitz & Stegun 26.7.5), exact to 1 %
-/// from 3 degrees of freedom up.
-double student_975(double dof) {
-    const double z = kNormal975, n = std::max(dof, 3.0);
-    const double g1 = (std::pow(z, 3) + z) / 4;
-    const double g2 = (5 * std::pow(z, 5) + 16 * std::pow(z, 3) + 3 * z) / 96;
-    const double g3 =
-        (3 * std::pow(z, 7) + 19 * std::pow(z, 5) + 17 * std::pow(z, 3) - 15 * z) / 384;
-    return z + g1 / n + g2 / (n * n) + g3 / (n * n * n);
+    e.rmse_percent = mean > 0.0 ? 100.0 * e.rmse / mean : 0.0;
+    const double relative_variance = s.relative_variance.sum() + s.scale_noise;
+    e.log_deviation = log_deviation(ratio(relative_variance, sqr(s.relative)));
+    e.effective_pixels = s.relative_variance.effective_pixels();
+    const double absolute = log_deviation(ratio(s.absolute_variance.sum(), sqr(s.absolute)));
+    e.rmse_log_deviation = std::hypot(0.5 * absolute, ratio(mean_deviation, mean));
+    e.rmse_effective_pixels = s.absolute_variance.effective_pixels();
+    return e;
 }
 
-/// The interval is laid out in log space (a squared error is positive and skewed), with the same
-/// mean and variance as the prediction, and widened where few pixels carry the variance.
-void set_interval(ErrorEstimate& e, double relative_variance, double effective_pixels) {
-    const double spread = std::sqrt(std::log1p(relative_variance)) * student_975(effective_pixels);
-    e.lower = e.relmse * std::exp(-spread);
-    e.upper = e.relmse * std::exp(spread);
-    e.effective_pixels = effective_pixels;
+/// All regions of a film cut into squares of `edge` pixels, row by row.
+class Regions {
+ public:
+    Regions(const Film& film, int edge)
+        : width_(film.width()),
+          height_(film.height()),
+          edge_(edge),
+          columns_((width_ + edge - 1) / edge),
+          sums_(std::size_t(columns_) * std::size_t((height_ + edge - 1) / edge)),
+          noise_(width_, edge) {}
+
+    RegionSums& at(int x, int y) { return sums_[index(x, y)]; }
+    const std::vector<RegionSums>& sums() const { return sums_; }
+    ScaleNoise& noise() { return noise_; }
+    void end_row(int y) {
+        const bool last = y + 1 == height_ || (y + 1) % edge_ == 0;
+        noise_.end_row(y % edge_, last,
+                       [&](int x, double v) { at(std::min(x, width_ - 1), y).scale_noise += v; });
+    }
+    TileEstimate tile(std::size_t i, double log_average, std::uint64_t look) const {
+        const int x0 = int(i % std::size_t(columns_)) * edge_;
+        const int y0 = int(i / std::size_t(columns_)) * edge_;
+        return {x0, y0, std::min(x0 + edge_, width_), std::min(y0 + edge_, height_),
+                finish(sums_[i], log_average, look)};
+    }
+
+ private:
+    std::size_t index(int x, int y) const {
+        return std::size_t(y / edge_) * std::size_t(columns_) + std::size_t(x / edge_);
+    }
+    int width_, height_, edge_, columns_;
+    std::vector<RegionSums> sums_;
+    ScaleNoise noise_;
+};
+
+/// Two-sided interval of a positive figure whose logarithm has this deviation; Student's t widens
+/// it where few pixels carry the variance.
+Interval log_interval(double value, double deviation, double pixels, double confidence) {
+    const double t = student_quantile(0.5 * (1.0 - confidence), std::max(pixels, kLeastFreedom));
+    return {value * std::exp(-deviation * t), value * std::exp(deviation * t)};
 }
 
 }  // namespace
 
-ErrorEstimate estimate_error(const Film& film) {
-    ErrorEstimate e;
+double look_confidence(std::uint64_t look) {
+    const double k = double(std::max<std::uint64_t>(look, 1));
+    return 1.0 - (1.0 - kConfidence) / (k * (k + 1.0));
+}
+
+Interval relmse_interval(const ErrorEstimate& e, double confidence) {
+    return log_interval(e.relmse, e.log_deviation, e.effective_pixels, confidence);
+}
+
+Interval rmse_percent_interval(const ErrorEstimate& e, double confidence) {
+    return log_interval(e.rmse_percent, e.rmse_log_deviation, e.rmse_effective_pixels, confidence);
+}
+
+std::vector<TileEstimate> estimate_tiles(const Film& film, int edge) {
+    Regions regions(film, edge);
     WindowPyramid windows(film.width(), film.height());
-    e.log_average = log_average(film, &windows);
+    const double m = log_average(film, &windows);
     windows.finish();
     const int r_count = film.replicates();
-    if (r_count < 2 || film.spp() == 0) return e;
-    const double floor = kRelativeFloor * e.log_average * e.log_average;
-    const double n = double(film.pixels()) * kC;
+    const bool possible = r_count >= 2 && film.spp() > 0;
+    const double floor = kRelativeFloor * m * m;
     FilmRows rows(film);
     PixelPairs pixel(r_count);
     DifferenceVariance difference(pixel, r_count, film.width());
-    ScaleNoise scale_noise(film.width());
-    double relative = 0.0, absolute = 0.0, classic = 0.0;
-    std::size_t unknown = 0;
-    for (int y = 0; y < film.height(); ++y) {
+    for (int y = 0; y < film.height() && possible; ++y) {
         rows.advance(y);
         for (int x = 0; x < film.width(); ++x) {
             pixel.set(rows, windows, {x, y}, floor);
-            if (pixel.all_equal()) ++unknown;
-            relative += pixel.weighted_variance();
-            for (std::size_t c = 0; c < kC; ++c) {
-                const double v = rows.variance(x)[c], mean = rows.mean(x)[c];
-                absolute += v;
-                classic += v / (mean * mean + kClassicFloor);
-            }
-            difference.add(pixel, x, y);
-            scale_noise.add(pixel, x);
+            RegionSums& region = regions.at(x, y);
+            region.add(rows, pixel, x);
+            const auto [relative, absolute] = difference.of(pixel, x, y);
+            region.relative_variance.add(relative);
+            region.absolute_variance.add(absolute);
+            regions.noise().add(pixel, x);
         }
-        scale_noise.end_row(y, y + 1 == film.height());
+        regions.end_row(y);
     }
-    e.unknown_share = double(unknown) / double(film.pixels());
-    e.known = unknown < film.pixels() && relative > 0.0;
-    e.relmse = relative / n;
-    e.rmse = std::sqrt(absolute / n);
-    e.relmse_classic = classic / n;
-    if (e.known)
-        set_interval(e, (difference.sum() + scale_noise.sum()) / sqr(relative),
-                     difference.effective_pixels());
-    return e;
+    std::vector<TileEstimate> result;
+    const std::uint64_t look = possible ? film.plan().look_number(film.spp()) : 0;
+    for (std::size_t i = 0; i < regions.sums().size(); ++i) {
+        result.push_back(regions.tile(i, m, look));
+        if (!possible) result.back().error = ErrorEstimate{.log_average = m};
+    }
+    return result;
+}
+
+ErrorEstimate estimate_error(const Film& film) {
+    return estimate_tiles(film, std::max(film.width(), film.height())).front().error;
 }
 
 std::vector<double> error_weights(const Film& film) {
@@ -253,7 +245,7 @@ std::vector<double> standard_error(const Film& film) {
                             ++n;
                         }
                 result[at(x, y, c)] =
-                    n == 0 ? std::numeric_limits<double>::quiet_NaN() : std::sqrt(sum / n);
+                    sum > 0.0 ? std::sqrt(sum / n) : std::numeric_limits<double>::quiet_NaN();
             }
     return result;
 }

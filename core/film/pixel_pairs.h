@@ -163,4 +163,11 @@ inline double covariance_product(const PixelPairs::Pair& a, const PixelPairs::Pa
     return 0.25 * dot * dot;
 }
 
+/// The same with all weights 1.
+inline double plain_covariance_product(const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
+    double dot = 0.0;
+    for (std::size_t c = 0; c < PixelPairs::kC; ++c) dot += a.difference[c] * b.difference[c];
+    return 0.25 * dot * dot;
+}
+
 }  // namespace matiere

@@ -105,4 +105,12 @@ bool Plan::is_look(std::uint64_t spp, int per_octave) const {
     return mark * (1.0 + slack) > double(boundary(k - 1)) * (1.0 + 2.0 * slack);
 }
 
+std::uint64_t Plan::look_number(std::uint64_t spp) const {
+    std::uint64_t looks = 0;
+    const std::uint64_t last = std::min(spp, kMaxSpp);
+    for (std::uint64_t k = 1; boundary(k) <= last; ++k)
+        if (is_look(boundary(k), kFinestLooks)) ++looks;
+    return std::max<std::uint64_t>(looks, 1);
+}
+
 }  // namespace matiere

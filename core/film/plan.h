@@ -24,6 +24,7 @@ class Plan {
     static constexpr int kVersion = 1;
     static constexpr int kMaxReplicates = 64;
     static constexpr int kMaxEdge = 65536;
+    static constexpr int kFinestLooks = 8;  ///< per octave
     /// Ceiling of samples per pixel, also the cap where only seconds or an error is asked for.
     static constexpr std::uint64_t kMaxSpp = std::uint64_t(1) << 20;
 
@@ -49,6 +50,9 @@ class Plan {
 
     /// A look at the error is due at the first boundary at or after R * 2^(k / per_octave).
     bool is_look(std::uint64_t spp, int per_octave = 2) const;
+    /// Looks of the finest kind up to and with this spp, at least 1: the number of a look is the
+    /// same however a run was cut into calls, chunks and jobs.
+    std::uint64_t look_number(std::uint64_t spp) const;
 
  private:
     int width_, height_, replicates_;

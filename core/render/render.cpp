@@ -21,8 +21,10 @@ double seconds_since(Clock::time_point start) {
 /// One call of render_passes: the state that the stop rule sees, and the log.
 class Loop {
  public:
-    Loop(const ChunkFunction& chunk, const Stop& stop, Film& film, int threads)
+    Loop(const ChunkFunction& chunk, const Stop& stop, Film& film, int threads,
+         const RenderHooks& hooks)
         : stop_(stop),
+          hooks_(hooks),
           film_(film),
           runner_(chunk, film, threads),
           start_(Clock::now()),
@@ -33,15 +35,15 @@ class Loop {
         if (now_.spp > 0) estimate();
     }
 
-    RenderOutcome run(const RenderHooks& hooks, const CancelToken& cancel) {
+    RenderOutcome run(const CancelToken& cancel) {
         for (;;) {
             const Step step = next_step(film_.plan(), stop_, now_);
             if (!step.go_on) return finish(step.reason);
             const double before = now_.elapsed_s;
-            if (!runner_.run(step.next_spp, hooks.poll, cancel)) return finish("cancelled");
+            if (!runner_.run(step.next_spp, hooks_.poll, cancel)) return finish("cancelled");
             tick(before);
             if (look_due(film_.plan(), stop_, now_.spp)) look();
-            if (hooks.progress && !hooks.progress(progress())) return finish("callback");
+            if (hooks_.progress && !hooks_.progress(progress())) return finish("callback");
         }
     }
 
@@ -66,8 +68,11 @@ class Loop {
     void estimate() {
         outcome_.error = estimate_error(film_);
         now_.error_spp = now_.spp;
-        now_.error_known = outcome_.error.known;
-        now_.upper = outcome_.error.upper;
+        const std::optional<double> excess = stop_.measured && hooks_.measure
+                                                 ? hooks_.measure()
+                                                 : target_excess(stop_, outcome_.error);
+        now_.error_known = excess.has_value();
+        now_.excess = excess.value_or(0.0);
     }
 
     void look() {
@@ -95,6 +100,7 @@ class Loop {
     }
 
     const Stop& stop_;
+    const RenderHooks& hooks_;
     Film& film_;
     PassRunner runner_;
     Clock::time_point start_;
@@ -116,7 +122,7 @@ int available_threads() {
 RenderOutcome render_passes(const ChunkFunction& chunk, const Stop& stop, Film& film, int threads,
                             const RenderHooks& hooks, const CancelToken& cancel) {
     const int count = threads > 0 ? threads : available_threads();
-    return Loop(chunk, stop, film, count).run(hooks, cancel);
+    return Loop(chunk, stop, film, count, hooks).run(cancel);
 }
 
 }  // namespace matiere

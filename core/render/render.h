@@ -35,6 +35,9 @@ struct Progress {
 struct RenderHooks {
     /// Once per pass, on the calling thread; false ends the render after this pass.
     std::function<bool(const Progress&)> progress;
+    /// At every look where Stop::measured, on the calling thread while no other touches the film:
+    /// its target_excess, or nothing where that is unknown.
+    std::function<std::optional<double>()> measure;
     /// At least every 20 ms on the calling thread; may throw, the render then ends and rethrows.
     std::function<void()> poll;
 };

@@ -17,7 +17,12 @@ using Settings = PathSettings;
 struct Stop {
     std::uint64_t spp = 0;  ///< rounded up to a boundary of the plan; absent = Plan::kMaxSpp
     double seconds = 0.0;   ///< wall time of this call
-    double relmse = 0.0;    ///< reached when the upper end of the 95 % interval is below it
+    /// Error targets, at most one: reached when the upper end of the any-time interval is below it.
+    double relmse = 0.0;
+    double rmse_percent = 0.0;
+    bool measured = false;  ///< a target that the caller measures at every look (the display)
+
+    bool has_target() const { return relmse > 0.0 || rmse_percent > 0.0 || measured; }
 };
 
 }  // namespace matiere

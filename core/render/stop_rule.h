@@ -3,8 +3,11 @@
 #pragma once
 
 #include <cstdint>
+#include <optional>
 #include <string_view>
 
+#include "base/numeric.h"
+#include "film/estimate.h"
 #include "film/plan.h"
 #include "render/settings.h"
 
@@ -24,7 +27,7 @@ struct RenderState {
     double s_per_spp = 0.0;       ///< of this call; 0 = not measured yet
     std::uint64_t error_spp = 0;  ///< spp of the newest look at the error; 0 = none
     bool error_known = false;
-    double upper = 0.0;  ///< upper end of the relMSE interval at that look
+    double excess = 0.0;  ///< of the error target at that look, see below
 };
 
 struct Step {
@@ -33,9 +36,19 @@ struct Step {
     std::string_view reason;     ///< why it stops: spp, cap, seconds or target_error
 };
 
+/// How many times the samples a target is expected to need: the variance of independent samples
+/// falls as 1 / spp. At most 1 = reached. Nothing where the error is unknown.
+inline std::optional<double> target_excess(const Stop& stop, const ErrorEstimate& e) {
+    if (!e.known) return std::nullopt;
+    const double confidence = look_confidence(e.look);
+    if (stop.relmse > 0.0) return relmse_interval(e, confidence).upper / stop.relmse;
+    if (!(stop.rmse_percent > 0.0) || !(e.rmse_percent > 0.0)) return std::nullopt;
+    return sqr(rmse_percent_interval(e, confidence).upper / stop.rmse_percent);
+}
+
 /// True if the error is to be estimated and logged at this boundary.
 inline bool look_due(const Plan& plan, const Stop& stop, std::uint64_t spp) {
-    return plan.is_look(spp, stop.relmse > 0.0 ? kTargetLooksPerOctave : kLooksPerOctave);
+    return plan.is_look(spp, stop.has_target() ? kTargetLooksPerOctave : kLooksPerOctave);
 }
 
 /// Boundary at which the render ends if nothing else ends it.
@@ -45,8 +58,8 @@ inline std::uint64_t spp_limit(const Plan& plan, const Stop& stop) {
 
 inline Step next_step(const Plan& plan, const Stop& stop, const RenderState& now) {
     const bool fresh = now.error_known && now.spp > 0 && now.error_spp == now.spp;
-    if (stop.relmse > 0.0 && fresh && now.spp >= plan.boundary(kFirstTargetRange) &&
-        now.upper <= stop.relmse)
+    if (stop.has_target() && fresh && now.spp >= plan.boundary(kFirstTargetRange) &&
+        now.excess <= 1.0)
         return {false, now.spp, "target_error"};
     if (now.spp >= spp_limit(plan, stop)) return {false, now.spp, stop.spp > 0 ? "spp" : "cap"};
     const std::uint64_t next = plan.round_up(now.spp + 1);
@@ -66,11 +79,8 @@ inline double seconds_left(const Plan& plan, const Stop& stop, const RenderState
     if (now.s_per_spp <= 0.0) return least;
     const double spp = double(now.spp);
     if (stop.spp > 0) consider((double(spp_limit(plan, stop)) - spp) * now.s_per_spp);
-    if (stop.relmse > 0.0 && now.error_known && now.error_spp > 0) {
-        // The variance of independent samples falls as 1 / spp.
-        const double needed = double(now.error_spp) * now.upper / stop.relmse;
-        consider((needed - spp) * now.s_per_spp);
-    }
+    if (stop.has_target() && now.error_known && now.error_spp > 0)
+        consider((double(now.error_spp) * now.excess - spp) * now.s_per_spp);
     return least;
 }
 

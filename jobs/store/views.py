@@ -148,8 +148,9 @@ def _progress(r: Any, stop: JsonDict) -> float:
     shares = [r.pixel_samples / (r.width * r.height * r.spp_cap)]
     if stop.get("seconds"):
         shares.append(r.seconds / stop["seconds"])
-    if stop.get("target_error") and r.relmse_upper:
-        shares.append(stop["target_error"]["relmse"] / r.relmse_upper)
+    target = stop.get("target_error") or {}
+    if "relmse" in target and r.relmse_upper:
+        shares.append(target["relmse"] / r.relmse_upper)
     return float(min(0.99, max(shares)))
 
 

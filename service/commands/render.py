@@ -29,6 +29,10 @@ def render(
     report: Annotated[
         Path | None, typer.Option(help="Write the report (error against time) as JSON.")
     ] = None,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Write error against time with its interval and forecast: .svg or .png."),
+    ] = None,
     film: Annotated[
         Path | None, typer.Option(help="Save the film, to continue or merge it later.")
     ] = None,
@@ -37,7 +41,13 @@ def render(
         int | None, typer.Option(min=1, help="Samples per pixel (rounded up to whole passes).")
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="Stop after this time.")] = None,
-    target_error: Annotated[float | None, typer.Option(help="Stop at this relMSE.")] = None,
+    target_error: Annotated[
+        str | None,
+        typer.Option(
+            help="Stop at this error: 0.001 (relMSE), rmse_percent=1, or "
+            "code_values=1,pixels_percent=95 (8-bit steps in the delivered image)."
+        ),
+    ] = None,
     threads: Annotated[
         int, typer.Option(min=0, help="Render threads; 0: one per usable core.")
     ] = 0,
@@ -69,8 +79,8 @@ def render(
     with _worded(scene):
         loaded = mt.load(scene, asset_root=asset_root)
         shown = _view(loaded, view, display, exposure, despeckle)
-        files = _outputs(loaded, scene, output, (film, report))
-        stop = _stop(loaded, spp, seconds, target_error)
+        files = _outputs(loaded, scene, output, (film, report, plot))
+        stop = _stop(loaded, spp, seconds, target_error, shown)
         if not quiet:
             typer.echo(_film_line(loaded), err=True)
         old = mt.load_film(resume) if resume is not None else None
@@ -88,11 +98,13 @@ def render(
             _write(path, done, loaded, shown)
         if film is not None:
             done.save(film)
+        if plot is not None:
+            _write_plot(plot, done, scene.stem)
         if report is not None:
             picture = picture_report(done, shown["despeckle"])
             _write_text(report, json.dumps(done.report | {"picture": picture}, indent=1) + "\n")
     if not quiet:
-        written = [*files, *(path for path in (film, report) if path is not None)]
+        written = [*files, *(path for path in (film, report, plot) if path is not None)]
         _summary(done, loaded, shown["despeckle"], written)
 
 
@@ -118,16 +130,24 @@ def _worded(scene: Path) -> Iterator[None]:
 
 
 def _stop(
-    loaded: Scene, spp: int | None, seconds: float | None, target_error: float | None
+    loaded: Scene,
+    spp: int | None,
+    seconds: float | None,
+    target_error: str | None,
+    shown: Mapping[str, Any],
 ) -> dict[str, Any]:
     """Return the stop rule: the flags if there are any, else what the scene says."""
+    from matiere import target
+
     settings = loaded.model.render
+    asked = None if target_error is None else target.parse(target_error)
+    goal = target.of_scene(loaded.model, asked)
     if spp is None and seconds is None and target_error is None:
-        target = settings.target_error
-        relmse = None if target is None else target.relmse
-        spp, seconds, target_error = settings.spp, settings.seconds, relmse
-    target_dict = None if target_error is None else {"relmse": target_error}
-    return {"spp": spp, "seconds": seconds, "target_error": target_dict}
+        spp, seconds = settings.spp, settings.seconds
+        goal = target.of_scene(loaded.model, settings.target_error)
+    if goal and "display" in goal:  # the view of the flags, not only of the scene
+        goal = target.through(goal, {**goal["display"]["through"], **shown})
+    return {"spp": spp, "seconds": seconds, "target_error": goal}
 
 
 def _view(
@@ -166,6 +186,9 @@ def _outputs(
         raise ImageError(
             'say where to write: -o out.png, or "output": {"files": [...]} in the scene'
         )
+    plot = others[-1]
+    if plot is not None and plot.suffix.lower() not in (".svg", ".png"):
+        raise ImageError(f"cannot write {str(plot)!r}; a plot is .svg or .png")
     for path in files:
         if path.suffix.lower() not in (".png", ".jpg", ".jpeg", ".exr"):
             raise ImageError(f"cannot write {str(path)!r}; use .png, .jpg or .exr")
@@ -187,6 +210,17 @@ def _write(path: Path, done: Film, loaded: Scene, shown: Mapping[str, Any]) -> N
         write_image(path, done, bit_depth=depth.exr)
     else:
         write_image(path, done, **shown, bit_depth=depth.png if suffix == ".png" else 8)
+
+
+def _write_plot(path: Path, done: Film, label: str) -> None:
+    from matiere.errors import ImageError
+    from matiere.plot import certificate_plot
+
+    try:
+        page = certificate_plot(done, label)
+    except ValueError as error:
+        raise ImageError(f"no plot was made: {error}") from None
+    page.save(path)
 
 
 def _write_text(path: Path, text: str) -> None:
@@ -286,6 +320,8 @@ def _summary(done: Film, loaded: Scene, despeckle: bool, files: list[Path]) -> N
     if despeckle:
         share = 100 * done.despeckled.energy
         typer.echo(f"the picture holds back {share:.2g} % of the light as specks; EXR has it all")
+    if target := report["certificate"]["target"]:
+        typer.echo(_target_line(target, report["wall_s"]))
     for path in files:
         typer.echo(f"wrote {path}")
 
@@ -300,6 +336,16 @@ def _error_line(error: Mapping[str, Any]) -> str:
         f"relMSE {error['relmse']:.3g}, 95 % interval {interval}; RMSE {error['rmse']:.3g}; "
         f"m {error['log_average']:.3g}; unknown: {share}"
     )
+
+
+def _target_line(target: Mapping[str, Any], wall_s: float) -> str:
+    """Return in words whether the target was met, or when it is expected to be."""
+    if target["reached"]:
+        return f"target reached: {target['text']}"
+    if target["excess"] is None:
+        return f"target not reached: {target['text']}; the error is unknown"
+    needed = wall_s * (target["excess"] - 1)
+    return f"target not reached: {target['text']}; expected after {needed:.3g} s more"
 
 
 def _film_line(loaded: Scene) -> str:

@@ -28,7 +28,11 @@ def submit(
     spp: Annotated[int | None, typer.Option(help="Samples per pixel.")] = None,
     seconds: Annotated[float | None, typer.Option(help="Render seconds.")] = None,
     target_error: Annotated[
-        float | None, typer.Option(help="Stop at this relative mean squared error.")
+        str | None,
+        typer.Option(
+            help="Stop at this error: 0.001 (relMSE), rmse_percent=1, or "
+            "code_values=1,pixels_percent=95 (8-bit steps in the delivered image)."
+        ),
     ] = None,
     priority: Annotated[int | None, typer.Option(help="0 to 100; higher runs first.")] = None,
     label: Annotated[str, typer.Option(help="A name for people.")] = "",
@@ -43,6 +47,7 @@ def submit(
     """
     from matiere.service.console import check_writable, upload_progress, worded
     from matiere.service.find import client_of
+    from matiere.target import parse
 
     for path in output or []:
         if path.suffix.lower() not in KINDS:
@@ -52,7 +57,7 @@ def submit(
         check_writable(path)
     stop = {"spp": spp, "seconds": seconds}
     given = {name: value for name, value in stop.items() if value is not None}
-    rule = given | ({} if target_error is None else {"target_error": {"relmse": target_error}})
+    rule = given | ({} if target_error is None else {"target_error": parse(target_error)})
     with client_of(url, data) as client:
         with worded(scene), upload_progress() as on_upload:
             job = client.submit(

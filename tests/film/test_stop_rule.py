@@ -29,15 +29,15 @@ TARGET = {"target_error": {"relmse": 0.01}}
         ({"seconds": 10}, {"spp": 32, "elapsed_s": 8.2, "s_per_spp": 0.15}, False, "seconds", 32),
         ({"seconds": 10}, {"spp": 32, "elapsed_s": 10.6}, False, "seconds", 32),
         # the target: only a fresh look counts, only its upper end, not before 4R
-        (TARGET, {"spp": 16, "upper": 0.009}, False, "target_error", 16),
-        (TARGET, {"spp": 16, "upper": 0.011}, True, None, 32),
-        (TARGET, {"spp": 8, "upper": 0.001}, True, None, 16),
-        (TARGET, {"spp": 32, "upper": 0.009, "error_spp": 16}, True, None, 48),
+        (TARGET, {"spp": 16, "excess": 0.9}, False, "target_error", 16),
+        (TARGET, {"spp": 16, "excess": 1.1}, True, None, 32),
+        (TARGET, {"spp": 8, "excess": 0.1}, True, None, 16),
+        (TARGET, {"spp": 32, "excess": 0.9, "error_spp": 16}, True, None, 48),
         (TARGET, {"spp": 32}, True, None, 48),
         (TARGET, {"spp": _core.MAX_SPP}, False, "cap", _core.MAX_SPP),
         # whichever comes first
-        ({"spp": 64, **TARGET}, {"spp": 32, "upper": 0.009}, False, "target_error", 32),
-        ({"spp": 32, **TARGET}, {"spp": 32, "upper": 0.02}, False, "spp", 32),
+        ({"spp": 64, **TARGET}, {"spp": 32, "excess": 0.9}, False, "target_error", 32),
+        ({"spp": 32, **TARGET}, {"spp": 32, "excess": 2}, False, "spp", 32),
         ({"spp": 64, "seconds": 1}, {"spp": 32, "elapsed_s": 0.9, "s_per_spp": 0.1}, False,
          "seconds", 32),
     ],
@@ -70,7 +70,7 @@ def test_looks_are_closer_when_an_error_is_asked_for() -> None:
 
 
 def test_seconds_left_is_the_nearest_of_the_goals() -> None:
-    now = {"spp": 32, "elapsed_s": 3.2, "s_per_spp": 0.1, "upper": 0.02}
+    now = {"spp": 32, "elapsed_s": 3.2, "s_per_spp": 0.1, "excess": 2}
     left = lambda stop: _core.next_step(PLAN, stop, now)["seconds_left"]  # noqa: E731
     assert left({"spp": 64}) == pytest.approx(3.2)
     assert left({"seconds": 4}) == pytest.approx(0.8)
@@ -87,6 +87,8 @@ def test_seconds_left_is_the_nearest_of_the_goals() -> None:
         ({"seconds": float("nan")}, "/render/seconds"),
         ({"target_error": {"relmse": 0}}, "/render/target_error/relmse"),
         ({"target_error": {}}, "/render/target_error"),
+        ({"target_error": {"rmse_percent": -1}}, "/render/target_error/rmse_percent"),
+        ({"target_error": {"relmse": 1, "rmse_percent": 1}}, "/render/target_error"),
     ],
 )
 def test_bad_rules_are_refused(stop: dict[str, Any], pointer: str) -> None:

@@ -99,7 +99,7 @@ def test_resumed_render_has_the_bits_of_one_long_one(tmp_path: Path) -> None:
     assert done.returncode == 0, done.stderr
     run("render", "scene.json", "-o", "b.exr", "--spp", "32", cwd=tmp_path)
     a, b = (mt.read_image(tmp_path / name).pixels for name in ("a.exr", "b.exr"))
-    assert np.array_equal(a, b)
+    assert np.array_equal(a, b, equal_nan=True)
 
 
 def test_scene_may_name_its_files_view_and_depth(tmp_path: Path) -> None:
@@ -112,7 +112,7 @@ def test_scene_may_name_its_files_view_and_depth(tmp_path: Path) -> None:
     assert names(tmp_path) == ["elsewhere", "scene.json", "x.exr", "x.png"]
     assert mt.read_image(tmp_path / "x.png").metadata["matiere:exposure"] == "1.0"
     half = mt.read_image(tmp_path / "x.exr").pixels
-    assert np.array_equal(half, half.astype(np.float16).astype(np.float32))
+    assert np.array_equal(half, half.astype(np.float16).astype(np.float32), equal_nan=True)
 
 
 @pytest.mark.parametrize(

@@ -87,10 +87,35 @@ class Film(Node):
         return usual[self.filter] if self.filter_radius is None else self.filter_radius
 
 
-class TargetError(Node):
-    """The error at which a render may stop."""
+class DisplayTarget(Node):
+    """How far the delivered 8-bit image may be off, through the view of `output`."""
 
-    relmse: float = Field(gt=0, description="estimated relative mean squared error of the image")
+    code_values: int = Field(1, ge=1, le=254, description="8-bit steps that a pixel may be off")
+    pixels_percent: float = Field(
+        95.0, gt=0, lt=100, description="share of the pixels that keep to it, percent"
+    )
+
+
+class TargetError(Node):
+    """The error at which a render may stop: one of the three."""
+
+    relmse: float | None = Field(
+        None, gt=0, description="estimated relative mean squared error of the image"
+    )
+    rmse_percent: float | None = Field(
+        None, gt=0, description="estimated root of the mean squared error, percent of the mean"
+    )
+    display: DisplayTarget | None = Field(
+        None, description="code values of the delivered image, through its view"
+    )
+
+    def problems(self) -> Iterable[Line]:
+        kinds = ("relmse", "rmse_percent", "display")
+        given = [kind for kind in kinds if getattr(self, kind) is not None]
+        if len(given) != 1:
+            what = "nothing" if not given else " and ".join(given)
+            code = "exclusive_keys" if given else "missing_key"
+            yield (), fault(code, f"give one of {', '.join(kinds)}, not {what}")
 
 
 class Render(Node):
