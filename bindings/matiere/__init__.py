@@ -24,6 +24,7 @@ _HOMES = {
     "BsdfSample": "probe",
     "Cancelled": "errors",
     "ColourError": "errors",
+    "Comparison": "compare",
     "Film": "film",
     "FilmError": "errors",
     "ImageError": "errors",
@@ -37,6 +38,7 @@ _HOMES = {
     "SceneValidationError": "errors",
     "bsdf": "probe",
     "check": "stability",
+    "compare": "compare",
     "develop": "develop",
     "film_key": "scene.digest",
     "info": "materials",
@@ -58,6 +60,7 @@ __all__ = [
     "BsdfSample",
     "Cancelled",
     "ColourError",
+    "Comparison",
     "Film",
     "FilmError",
     "ImageError",
@@ -73,6 +76,7 @@ __all__ = [
     "bsdf",
     "check",
     "chunks",
+    "compare",
     "develop",
     "errors",
     "film_key",
@@ -116,6 +120,7 @@ sys.modules[__name__].__class__ = _Package
 
 if TYPE_CHECKING:
     from matiere import chunks, errors
+    from matiere.compare import Comparison, compare
     from matiere.develop import develop
     from matiere.errors import (
         AssetChanged,

@@ -39,11 +39,13 @@ def display_error(film: _core.Film, target: Mapping[str, Any]) -> dict[str, floa
     if film.replicates < 2 or film.spp == 0:
         return None
     shown, se, dof = _display_spread(film, target["through"])
+    delivered = _delivered(film, target["through"], shown)
     known = np.isfinite(film.standard_error()).any(-1)
     if not known.any():
         return None
     look = film.plan.look_number(film.spp)
-    pixels = _Pixels(shown[known] * CODES, se[known] * CODES, dof[known], target["code_values"])
+    delivered, shown, se = (image[known] * CODES for image in (delivered, shown, se))
+    pixels = _Pixels(delivered, shown, se, dof[known], target["code_values"])
     asked = target["pixels_percent"] / 100.0
     share, lower = pixels.share(1.0, look)
     some = pixels.some(_SOLVE_PIXELS)
@@ -95,6 +97,17 @@ def _display_spread(film: _core.Film, view: Mapping[str, Any]) -> tuple[Array, A
     return shown, np.sqrt(total / n), (count + 1.0) * pixels
 
 
+def _delivered(film: _core.Film, view: Mapping[str, Any], shown: Array) -> Array:
+    """Return the developed image as it is written: without specks if the view leaves them out."""
+    if not view.get("despeckle"):
+        return shown
+    from matiere.despeckle import despeckle
+
+    means = film.replicate_means()
+    alpha = means.mean(0)[..., 3:]
+    return shown_as(np.concatenate([despeckle(means[..., :3]).mean, alpha], axis=2), view)
+
+
 def _box(image: Array) -> Array:
     """Sum over 5 x 5 pixels, fewer at the edge. Adds what is positive only, and so keeps digits."""
     for axis in (0, 1):
@@ -122,8 +135,8 @@ def _largest_scale(holds: Any) -> float:
 class _Pixels:
     """Code values of pixels (N, C), their standard errors and degrees of freedom."""
 
-    def __init__(self, codes: Array, se: Array, dof: Array, most: int) -> None:
-        nearest = np.floor(codes + 0.5)
+    def __init__(self, delivered: Array, codes: Array, se: Array, dof: Array, most: int) -> None:
+        nearest = np.floor(delivered + 0.5)
         low, high = nearest - most - 0.5, nearest + most + 0.5
         self._above = np.where(high >= CODES, np.inf, high - codes)
         self._below = np.where(low <= 0.0, np.inf, codes - low)
@@ -155,15 +168,21 @@ class _Pixels:
 
     def _miss(self, scale: float) -> Array:
         """Chance of each pixel to be off by more."""
-        with np.errstate(divide="ignore", invalid="ignore"):
-            above = np.where(self._se > 0.0, self._above / (scale * self._se), np.inf)
-            below = np.where(self._se > 0.0, self._below / (scale * self._se), np.inf)
+        least = np.finfo(float).tiny  # a standard error of 0 in the display: burnt out or black
+        with np.errstate(over="ignore"):
+            above = self._above / np.maximum(scale * self._se, least)
+            below = self._below / np.maximum(scale * self._se, least)
         chance = np.zeros_like(above)
         for index, table in enumerate(_tails()):
             here = self._classes == index
-            chance[here] = np.interp(above[here], _GRID, table, right=0.0)
-            chance[here] += np.interp(below[here], _GRID, table, right=0.0)
+            chance[here] = _tail(above[here], table) + _tail(below[here], table)
         return np.asarray(np.minimum(chance.sum(-1), 1.0))
+
+
+def _tail(t: Array, table: Array) -> Array:
+    """P(T > t) from the table of a class; t is negative where despeckling moved a pixel."""
+    tail = np.interp(np.abs(t), _GRID, table, right=0.0)
+    return np.asarray(np.where(t < 0.0, 1.0 - tail, tail))
 
 
 _TABLES: list[Array] = []

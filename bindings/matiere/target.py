@@ -44,13 +44,14 @@ def of_scene(model: SceneModel, target: TargetModel | Target | float | None) -> 
 
 
 def view_of(model: SceneModel) -> dict[str, Any]:
-    """Return config, display, view and exposure of a scene's images, and if alpha is kept."""
+    """Return how a scene's images are shown, and if alpha is kept."""
     output = model.output
     return {
         "config": output.config,
         "display": output.display,
         "view": output.view,
         "exposure": output.exposure,
+        "despeckle": output.despeckle,
         "transparent": model.background == "transparent",
     }
 

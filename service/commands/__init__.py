@@ -7,6 +7,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("render:render", "Render a scene to PNG, JPEG or EXR, with its error."),
     "sweep": ("sweep:sweep", "Render every variant of a sweep and a contact sheet."),
     "check": ("check:check", "Test a material at its exact parameters: the stability report."),
+    "compare": ("compare:compare", "Tell how two films differ, and what of it is noise."),
     "serve": ("serve:serve", "Serve the HTTP API: take jobs and sweeps, render them."),
     "submit": ("submit:submit", "Send a scene to a running service and fetch the image."),
     "schema": ("schema:schema", "Print the JSON Schema of scenes."),

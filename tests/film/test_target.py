@@ -119,6 +119,20 @@ def test_a_film_without_evidence_reaches_no_target() -> None:
         assert film.report["reason"] == "spp"
 
 
+def test_what_despeckling_takes_away_counts_as_an_error() -> None:
+    """Judged is the delivered picture: light held back for good costs pixels, never gains any."""
+    film = mt.render(mt.load(scenes(SIZE)["glass"]), spp=32)
+    view = target.view_of(mt.load(scenes(SIZE)["glass"]).model)
+    plain, held = (
+        display_error(film.core, {"code_values": 8, "pixels_percent": 50.0,
+                                  "through": view | {"despeckle": on}})
+        for on in (False, True)
+    )  # fmt: skip
+    assert film.despeckled.pixels > 0.01
+    assert plain is not None and held is not None
+    assert held["share_percent"] < plain["share_percent"] - 0.1
+
+
 def test_the_view_decides() -> None:
     """Four stops darker, the same film is a finer picture: fewer code values off."""
     scene = mt.load(scenes(SIZE)["interior"])
