@@ -134,7 +134,7 @@ def _textures(size: int) -> Scene:
     both = np.stack([0.1 + 0.7 * checker] * 3, axis=-1)
     document["textures"] = {
         "checker": {"pixels": both.astype(np.float32)},
-        "leaf": {"pixels": leaf, "color_space": "data"},
+        "leaf": {"pixels": leaf},
     }
     return document
 
@@ -188,7 +188,8 @@ def _many_lights(size: int) -> Scene:
         lights.append(_lamp([x, float(rng.uniform(1.9, 3.0)), z], 0.1, 0.1,
                             float(rng.lognormal(2.5, 1.0))))  # fmt: skip
     plastic = {"type": "plastic", "albedo": [0.2, 0.3, 0.6], "alpha": 0.2}
-    return _set(size, {"ball": plastic}, [_ball([0, 0.9, 0], 0.9, "ball")], lights)
+    return _set(size, {"ball": plastic}, [_ball([0, 0.9, 0], 0.9, "ball")], lights,
+                {"radiance": 0.05})  # fmt: skip
 
 
 def twelve(size: int = 32) -> dict[str, Scene]:
