@@ -23,6 +23,17 @@ LEVEL = chi_square.sidak(0.01, 2 * len(CASES) * len(DEGREES))
 FLOAT_LOBE = 3e-5
 
 
+made: dict[tuple[str, str], Any] = {}
+
+
+def bsdf_of(case: Case, precision: str) -> Any:
+    """Return the material, made once: six tests look at it, and some have tables."""
+    key = (case.id, precision)
+    if key not in made:
+        made[key] = case.bsdf(precision)
+    return made[key]
+
+
 def sides(case: Case) -> tuple[float, ...]:
     return (1.0, -1.0) if case.interface else (1.0,)
 
@@ -51,7 +62,7 @@ def cases(test: Any) -> Any:
 def variants(case: Case, eps: float) -> list[Any]:
     """Return the material in double, exactly and with its index rounded up and down."""
     if not case.interface:
-        return [case.bsdf("double")]
+        return [bsdf_of(case, "double")]
     return [case.scaled(1 + d).bsdf("double") for d in (0.0, 4 * eps, -4 * eps)]
 
 
@@ -79,7 +90,7 @@ def random_u(n: int, seed: int) -> np.ndarray:
 
 @cases
 def test_samples_follow_the_pdf(case: Case, precision: str) -> None:
-    bsdf = case.bsdf(precision)
+    bsdf = bsdf_of(case, precision)
     for degrees, wo in viewers(case):
         if not resolved(case, precision, degrees):
             continue
@@ -95,7 +106,7 @@ def test_samples_follow_the_pdf(case: Case, precision: str) -> None:
 
 @cases
 def test_the_weight_is_eval_over_pdf(case: Case, precision: str) -> None:
-    bsdf = case.bsdf(precision)
+    bsdf = bsdf_of(case, precision)
     eps = float(np.finfo(np.float32 if precision == "float" else np.float64).eps)
     views = variants(case, eps)
     for degrees, wo in viewers(case):
@@ -128,7 +139,7 @@ def test_the_weight_is_eval_over_pdf(case: Case, precision: str) -> None:
 def test_scattering_is_reciprocal(case: Case, precision: str) -> None:
     if not case.reciprocal:
         pytest.skip("promises no reciprocity")
-    bsdf = case.bsdf(precision)
+    bsdf = bsdf_of(case, precision)
     rng = np.random.default_rng(3)
     w = rng.normal(size=(2, 4000, 3))
     w /= np.linalg.norm(w, axis=2, keepdims=True)
@@ -155,7 +166,7 @@ def test_scattering_is_reciprocal(case: Case, precision: str) -> None:
 
 @cases
 def test_the_furnace_never_gains(case: Case, precision: str) -> None:
-    bsdf = case.bsdf(precision)
+    bsdf = bsdf_of(case, precision)
     for degrees, wo in viewers(case):
         # What compensates losses has albedo 1 itself: its noise must be below the tolerance; so
         # must that of lobes sampled through half vectors, which lose samples.
@@ -171,7 +182,7 @@ def test_the_furnace_never_gains(case: Case, precision: str) -> None:
 
 @cases
 def test_nothing_is_ever_non_finite_or_negative(case: Case, precision: str) -> None:
-    bsdf = case.bsdf(precision)
+    bsdf = bsdf_of(case, precision)
     corners = [0.0, 1e-7, 0.5, 1 - 2**-24]
     u = np.array([(x, y, z) for x in corners for y in corners for z in corners])
     cosines = [1.0, 0.5, 1e-2, 1e-4, 1e-6, 1e-20, 0.0, -1e-20, -1e-6, -1e-4, -0.5, -1.0]
@@ -195,7 +206,7 @@ def test_nothing_is_ever_non_finite_or_negative(case: Case, precision: str) -> N
 
 @cases
 def test_sampled_directions_are_unit_and_on_the_lobes_side(case: Case, precision: str) -> None:
-    bsdf = case.bsdf(precision)
+    bsdf = bsdf_of(case, precision)
     for degrees, wo in viewers(case):
         s = bsdf.sample(wo, random_u(500, 4))
         hit = s.lobe != 0

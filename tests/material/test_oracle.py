@@ -11,6 +11,7 @@ import oracle_models
 import pytest
 from extremes import ALPHAS, ETAS
 from material_cases import GOLD
+from mpmath import mpf
 from oracle_check import check, check_model, f32, views
 
 from matiere import _core
@@ -30,6 +31,8 @@ FRESNEL: dict[str, tuple[dict[str, Any], oracle_models.Fresnel]] = {
     "eta": ({"eta": 1.5}, lambda c: oracle.fresnel_dielectric(c, 1.5)),
     "near 1": ({"eta": f32(1 + 1e-4)}, lambda c: oracle.fresnel_dielectric(c, f32(1 + 1e-4))),
     "below 1": ({"eta": f32(1 / 1.5)}, lambda c: oracle.fresnel_dielectric(c, f32(1 / 1.5))),
+    "k 0": ({"eta": 1.5, "k": 0.0}, lambda c: oracle.fresnel_dielectric(c, 1.5)),
+    "eta 1": ({"eta": 1.0, "k": 0.0}, lambda c: mpf(0)),
     "metal": ({"eta": 0.5, "k": 3.0}, lambda c: oracle.fresnel_conductor(c, 0.5, 3)),
 }
 
@@ -92,12 +95,20 @@ def test_dielectric(alpha: float, eta: float, masking: str, distribution: str) -
     )
 
 
+@pytest.mark.parametrize("eta", [1.5, f32(1 / 1.5)])
+@pytest.mark.parametrize("masking", MASKINGS)
+@pytest.mark.parametrize("distribution", ["ggx", "ward"])
+def test_dielectric_of_two_widths(eta: float, masking: str, distribution: str) -> None:
+    p = shape(f32(0.1), 0.5, distribution, masking)
+    b = _core.Bsdf("dielectric", {"eta": eta, **p})
+    check_model(b, oracle_models.interface(p, eta), (p, eta), n=4)
+
+
 @pytest.mark.parametrize("fresnel", FRESNEL)
 def test_smooth_metals_and_mirrors(fresnel: str) -> None:
     params, reflectance = FRESNEL[fresnel]
-    kinds = {"eta": "mirror", "near 1": "mirror", "F0": "mirror", "metal": "conductor"}
-    kinds["below 1"] = kinds["black"] = "mirror"
-    for kind in {"cook_torrance", kinds.get(fresnel, "cook_torrance")}:
+    other = "conductor" if "k" in params else "cook_torrance" if "F82_tint" in params else "mirror"
+    for kind in {"cook_torrance", other}:
         smooth = {} if kind == "mirror" else {"alpha": 0.0}
         b = _core.Bsdf(kind, {**params, **smooth})
         for wo in views():

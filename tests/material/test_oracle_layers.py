@@ -40,7 +40,7 @@ def test_smooth_plastic(eta: float, rho: float) -> None:
 
 
 @pytest.mark.parametrize("eta", ETAS)
-@pytest.mark.parametrize("tau", [0.0, 1e-6, 0.1, 1.0, 20.0])
+@pytest.mark.parametrize("tau", [0.0, 1e-6, 0.1, 1.0, 20.0, 1e3, 1e30])
 @pytest.mark.parametrize("rho", [0.0, 0.5, 1.0])
 def test_the_exact_coat(eta: float, tau: float, rho: float) -> None:
     eta, tau = f32(eta), f32(tau)
