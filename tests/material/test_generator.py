@@ -33,7 +33,13 @@ PUBLISHED: list[tuple[dict[str, Any], float, list[float]]] = [
 ]
 
 
-@pytest.mark.parametrize("case", PUBLISHED, ids=lambda c: f"{c[0]}-{c[1]}")
+@pytest.mark.parametrize(
+    "case",
+    [
+        pytest.param(c, id=f"{c[0]}-{c[1]}", marks=pytest.mark.slow if c[1] == 0 else ())
+        for c in PUBLISHED
+    ],
+)
 def test_the_albedo_is_the_published_one(case: tuple[dict[str, Any], float, list[float]]) -> None:
     params, azimuth, published = case
     albedo = generated(**params).albedo(at(azimuth), n=1 << 17)[:, 0]

@@ -234,6 +234,7 @@ def test_check_prints_a_table_and_draws(tmp_path: Path) -> None:
     assert names(tmp_path / "plots") == ["albedo.png", "albedo.svg", "polar.png", "polar.svg"]
 
 
+@pytest.mark.slow
 def test_check_reads_files_and_scenes(tmp_path: Path) -> None:
     (tmp_path / "glass.json").write_text(GLASS)
     scene = write_scene(tmp_path)

@@ -44,7 +44,7 @@ def tiles(x: Any) -> Any:
     return x.reshape(REPLICATES, 4, 6, 4, 6, 3).mean((2, 4, 5)).reshape(REPLICATES, -1)
 
 
-@pytest.mark.parametrize("floor", ["lambert", "plastic"])
+@pytest.mark.parametrize("floor", ["lambert", pytest.param("plastic", marks=pytest.mark.slow)])
 @pytest.mark.parametrize("ball", BALLS)
 def test_the_guide_changes_no_mean(ball: str, floor: str) -> None:
     """Guided and unguided tiles agree: Welch's test from the replicates, Sidak's correction."""

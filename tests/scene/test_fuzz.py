@@ -79,18 +79,19 @@ def test_the_base_is_good() -> None:
     assert attempt(base()) == "built"
 
 
-def test_junk_anywhere_is_refused_or_built() -> None:
-    rng = np.random.default_rng(20261123)
+@pytest.mark.parametrize("count", [150, pytest.param(600, marks=pytest.mark.slow)])
+def test_junk_anywhere_is_refused_or_built(count: int) -> None:
+    rng = np.random.default_rng([20261123, count])
     seen = {"refused": 0, "built": 0}
-    for _ in range(600):
+    for _ in range(count):
         scene = base()
         for _ in range(int(rng.integers(1, 4))):
             spots = [p for p in places(scene) if p]
             at = spots[int(rng.integers(len(spots)))]
             put(scene, at, JUNK[int(rng.integers(len(JUNK)))])
         seen[attempt(scene)] += 1
-    assert seen["refused"] > 300, seen
-    assert seen["built"] > 10, seen
+    assert seen["refused"] > count / 2, seen
+    assert seen["built"] > count / 60, seen
 
 
 @pytest.mark.slow
