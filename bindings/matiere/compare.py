@@ -238,8 +238,10 @@ def statement(report: dict[str, Any]) -> str:
                 f"{percent:+.3g} % (95 %: {mean['lower_percent']:+.3g} to "
                 f"{mean['upper_percent']:+.3g} %)"
             )
-        verdict = "a difference" if mean["significant"] else "no difference that noise cannot make"
-        text = f"The mean luminance of b is {amount} of a's: {verdict} (p {mean['p_value']:.2g})."
+        verdict = "more than noise" if mean["significant"] else "noise can do that"
+        p = mean["p_value"]
+        chance = f"p {p:.2g}" if p >= 1e-16 else "p below 1e-16"
+        text = f"The mean luminance of b differs from a's by {amount}: {verdict} ({chance})."
     text += f" {report['tiles_significant']} of {len(tiles)} tiles differ."
     ratio = report["variance_ratio"]
     if report["paired"] and ratio is not None:

@@ -44,7 +44,9 @@ def draw(found: Comparison) -> Picture:
     limit = _limit(light)
     scale = max(1, -(-SHOWN // max(light.shape)))
     image = np.kron(colours(light / limit), np.ones((scale, scale, 1), np.float32))
-    _outline(image, [t for t in found.report["tiles"] if t["significant"]], scale)
+    tiles = found.report["tiles"]
+    differ = [t for t in tiles if t["significant"]]
+    _outline(image, differ if len(differ) < len(tiles) else [], scale)
     height, width = image.shape[:2]
     page_height = max(height + TOP + BOTTOM, 220)
     page = np.ones((page_height, max(width + 2 * MARGIN + BAR + RIGHT, 760), 3), np.float32)

@@ -170,6 +170,27 @@ def test_the_report_holds_error_against_time(tmp_path: Path) -> None:
         assert plot.lstrip().startswith(("<svg", "<?xml"))
 
 
+def test_a_job_may_aim_at_the_picture_people_get(tmp_path: Path) -> None:
+    """The view is the job's own: a darker picture of the same film is done earlier."""
+    goal = {"display": {"code_values": 3, "pixels_percent": 90}}
+    dark_scene = SCENE | {"output": {"exposure": -4.0}}
+    with open_engine(tmp_path, children=2, **OPTIONS) as engine:
+        ids = [
+            engine.submit_job(scene, stop={"target_error": goal}).id
+            for scene in (SCENE, dark_scene)
+        ]
+        plain, dark = (engine.wait_job(i, 120) for i in ids)
+        assert (plain.stop_reason, dark.stop_reason) == ("target_error", "target_error")
+        assert dark.film_key == plain.film_key and dark.spp < plain.spp
+        for scene, job in ((SCENE, plain), (dark_scene, dark)):
+            direct = mt.render(mt.load(scene), target_error=goal)
+            assert direct.spp == job.spp, "the same stop rule as mt.render"
+            state = report_of(engine, job.id)["certificate"]["target"]
+            assert state["reached"] and state["display"]["lower_percent"] >= 90
+            stored = read_image(engine.artifact(job.id, "image.exr").path).pixels[..., :3]
+            assert np.array_equal(stored, direct.mean.astype(np.float32))
+
+
 def test_output_settings_develop_the_same_film_again(tmp_path: Path) -> None:
     with open_engine(tmp_path, children=1, **OPTIONS) as engine:
         first = engine.wait_job(engine.submit_job(SCENE).id, 60)
