@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from matiere.film import Film
 
 
+# Of a stop by target_error: tests/bench/stopping_bias.py, table in docs/error.md.
+STOPPING_BIAS = 0.001
+
+
 @dataclass(frozen=True, slots=True)
 class Entry:
     """One possible bias of a film."""
@@ -23,7 +27,7 @@ class Entry:
     biased: bool  # it moves the mean of the image
     count: int | None  # how often it happened; None = not counted
     share: float | None  # count over samples
-    relative_bias: float | None  # of the mean radiance; None = not measured
+    relative_bias: float | None  # bound on its share of the mean radiance; None = not measured
     text: str
 
 
@@ -69,7 +73,9 @@ def _sentence(row: Mapping[str, Any]) -> str:
     amount = "" if not row["count"] else f"{row['count']} times ({100 * row['share']:.2g} % of "
     amount += "the samples): " if amount else ""
     size = row["relative_bias"]
-    measured = "; size not measured" if size is None else f"; about {100 * size:.2g} % of the mean"
+    measured = (
+        "; size not measured" if size is None else f"; below {100 * size:.2g} % of the mean"
+    )
     return f"{row['name']}: {amount}{row['text']}{measured if row['biased'] else ''}"
 
 
@@ -105,4 +111,5 @@ def _counted(counters: Mapping[str, Any], samples: int) -> list[Entry]:
 def _stopping(reason: str) -> list[Entry]:
     active = reason in _STOPPED
     words = _STOPPED.get(reason, "the end of the render did not depend on the image")
-    return [Entry("stopping", active, active, None, None, None if active else 0.0, words)]
+    size = STOPPING_BIAS if reason == "target_error" else None if active else 0.0
+    return [Entry("stopping", active, active, None, None, size, words)]

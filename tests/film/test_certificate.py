@@ -97,6 +97,7 @@ def test_a_stop_by_target_is_booked() -> None:
     film = mt.render(mt.load(scenes(16)["interior"]), target_error=0.5)
     assert film.report["reason"] == "target_error"
     assert entry(film, "stopping")["active"]
+    assert any("below 0.1 % of the mean" in line for line in film.certificate()["outside"])
     state = film.certificate()["target"]
     assert state["reached"] and state["excess"] <= 1.0
 
