@@ -73,9 +73,7 @@ def _sentence(row: Mapping[str, Any]) -> str:
     amount = "" if not row["count"] else f"{row['count']} times ({100 * row['share']:.2g} % of "
     amount += "the samples): " if amount else ""
     size = row["relative_bias"]
-    measured = (
-        "; size not measured" if size is None else f"; below {100 * size:.2g} % of the mean"
-    )
+    measured = "; size not measured" if size is None else f"; below {100 * size:.2g} % of the mean"
     return f"{row['name']}: {amount}{row['text']}{measured if row['biased'] else ''}"
 
 

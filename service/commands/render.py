@@ -16,6 +16,10 @@ if TYPE_CHECKING:
     from matiere import Film, Scene
 
 Progress = Mapping[str, Any]
+TARGET_HELP = (
+    "Stop at this error: 0.001 (relMSE), rmse_percent=1, or code_values=1,pixels_percent=95 "
+    "(8-bit steps in the delivered image)."
+)
 
 
 def render(
@@ -30,8 +34,7 @@ def render(
         Path | None, typer.Option(help="Write the report (error against time) as JSON.")
     ] = None,
     plot: Annotated[
-        Path | None,
-        typer.Option(help="Write error against time with its interval and forecast: .svg or .png."),
+        Path | None, typer.Option(help="Write error against time as a plot: .svg or .png.")
     ] = None,
     film: Annotated[
         Path | None, typer.Option(help="Save the film, to continue or merge it later.")
@@ -41,13 +44,7 @@ def render(
         int | None, typer.Option(min=1, help="Samples per pixel (rounded up to whole passes).")
     ] = None,
     seconds: Annotated[float | None, typer.Option(help="Stop after this time.")] = None,
-    target_error: Annotated[
-        str | None,
-        typer.Option(
-            help="Stop at this error: 0.001 (relMSE), rmse_percent=1, or "
-            "code_values=1,pixels_percent=95 (8-bit steps in the delivered image)."
-        ),
-    ] = None,
+    target_error: Annotated[str | None, typer.Option(help=TARGET_HELP)] = None,
     threads: Annotated[
         int, typer.Option(min=0, help="Render threads; 0: one per usable core.")
     ] = 0,
@@ -74,7 +71,6 @@ def render(
     Example: matiere render scene.json -o out.png --seconds 30
     """
     import matiere as mt
-    from matiere.report import picture_report
 
     with _worded(scene):
         loaded = mt.load(scene, asset_root=asset_root)
@@ -96,15 +92,9 @@ def render(
             )
         for path in files:
             _write(path, done, loaded, shown)
-        if film is not None:
-            done.save(film)
-        if plot is not None:
-            _write_plot(plot, done, scene.stem)
-        if report is not None:
-            picture = picture_report(done, shown["despeckle"])
-            _write_text(report, json.dumps(done.report | {"picture": picture}, indent=1) + "\n")
+        beside = _write_beside(done, (film, report, plot), scene.stem, shown["despeckle"])
     if not quiet:
-        written = [*files, *(path for path in (film, report, plot) if path is not None)]
+        written = [*files, *beside]
         _summary(done, loaded, shown["despeckle"], written)
 
 
@@ -210,6 +200,23 @@ def _write(path: Path, done: Film, loaded: Scene, shown: Mapping[str, Any]) -> N
         write_image(path, done, bit_depth=depth.exr)
     else:
         write_image(path, done, **shown, bit_depth=depth.png if suffix == ".png" else 8)
+
+
+def _write_beside(
+    done: Film, places: tuple[Path | None, ...], label: str, despeckle: bool
+) -> list[Path]:
+    """Write film, report and plot where they were asked for."""
+    from matiere.report import picture_report
+
+    film, report, plot = places
+    if film is not None:
+        done.save(film)
+    if plot is not None:
+        _write_plot(plot, done, label)
+    if report is not None:
+        picture = picture_report(done, despeckle)
+        _write_text(report, json.dumps(done.report | {"picture": picture}, indent=1) + "\n")
+    return [path for path in places if path is not None]
 
 
 def _write_plot(path: Path, done: Film, label: str) -> None:
