@@ -125,6 +125,8 @@ void bind_chunk_film(py::module_& m) {
         .def_property_readonly("index", [](const ChunkFilm& c) { return c.chunk().index; })
         .def_property_readonly("counters",
                                [](const ChunkFilm& c) { return counters_dict(c.work()); })
+        .def_property_readonly("provenance",
+                               [](const ChunkFilm& c) { return provenance_dict(c.provenance()); })
         .def_property_readonly("sums",
                                [](const py::object& self) {
                                    const auto& c = self.cast<const ChunkFilm&>();
@@ -152,6 +154,9 @@ void bind_film_class(py::module_& m) {
         .def_property_readonly("spp", &Film::spp, "Samples every pixel has at least.")
         .def_property_readonly("counters",
                                [](const Film& film) { return counters_dict(film.work()); })
+        .def_property_readonly(
+            "provenance", [](const Film& film) { return provenance_dict(film.provenance()); },
+            "Features found, kernels used, and the brightest samples.")
         .def_property_readonly(
             "sums",
             [](const py::object& self) {

@@ -3,7 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include "material/material.h"
+#include "material/bsdf_for.h"
 #include "optics/absorption.h"
 #include "optics/albedo_builder.h"
 #include "optics/fresnel_term.h"

@@ -10,6 +10,7 @@
 
 #include "base/error.h"
 #include "film_dicts.h"
+#include "integrator/kernels.h"
 #include "render/fill_chunk.h"
 #include "render/render.h"
 #include "render/synthetic.h"
@@ -25,6 +26,22 @@ Strategy parse_strategy(const std::string& name) {
     if (name == "light") return Strategy::kLightOnly;
     if (name == "bsdf") return Strategy::kBsdfOnly;
     throw py::value_error("strategy must be mis, light or bsdf, not " + name);
+}
+
+/// The index of a kernel; "" lets the scene choose.
+int parse_kernel(const std::string& name) {
+    if (name.empty()) return -1;
+    const auto all = kernels();
+    for (std::size_t i = 0; i < all.size(); ++i)
+        if (all[i].name == name) return int(i);
+    throw py::value_error("no kernel is called " + name);
+}
+
+py::dict kernel_dict(const Kernel& kernel) {
+    py::dict d;
+    d["name"] = std::string(kernel.name);
+    d["features"] = feature_names(kernel.features);
+    return d;
 }
 
 bool has(const py::dict& d, const char* key) { return d.contains(key) && !d[key].is_none(); }
@@ -150,7 +167,7 @@ py::dict render_synthetic(Film& film, const std::string& kind, const py::dict& s
     const Synthetic sampler{*parsed, seed, spread};
     const Plan plan = film.plan();
     const ChunkFunction chunk = [&](std::uint32_t index, const CancelToken& token) {
-        return fill_chunk(plan, index, {}, token, sampler);
+        return fill_chunk(plan, index, {{}, sampler.seed, 0, 0}, token, sampler);
     };
     return run_loop(chunk, film, stop, threads, callback, cancel);
 }
@@ -186,12 +203,18 @@ std::string settings_repr(const Settings& s) {
 void bind_settings(py::module_& m) {
     py::class_<Settings>(m, "Settings", "What decides the value of a sample, beside the scene.")
         .def(py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
-                         bool transparent_background, bool guide_caustics) {
-                 return Settings{seed, max_depth, parse_strategy(strategy), transparent_background,
-                                 guide_caustics};
+                         bool transparent_background, bool guide_caustics,
+                         const std::string& kernel) {
+                 return Settings{seed,
+                                 max_depth,
+                                 parse_strategy(strategy),
+                                 transparent_background,
+                                 guide_caustics,
+                                 parse_kernel(kernel)};
              }),
              py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
-             py::arg("transparent_background") = false, py::arg("guide_caustics") = true)
+             py::arg("transparent_background") = false, py::arg("guide_caustics") = true,
+             py::arg("kernel") = "")
         .def_readonly("seed", &Settings::seed)
         .def_readonly("max_depth", &Settings::max_depth)
         .def_readonly("transparent_background", &Settings::transparent_background)
@@ -207,6 +230,20 @@ void bind_settings(py::module_& m) {
 
 void bind_render(py::module_& m) {
     bind_settings(m);
+    m.def("kernels", [] {
+        py::list all;
+        for (const Kernel& kernel : kernels()) all.append(kernel_dict(kernel));
+        return all;
+    });
+    m.def(
+        "kernel_of",
+        [](const Scene& scene, const Settings& settings) {
+            py::dict d = kernel_dict(kernel_for(scene.features(), settings));
+            d["found"] = feature_names(scene.features());
+            return d;
+        },
+        py::arg("scene"), py::arg("settings"),
+        "The kernel of a render, the features it has code for, and those found in the scene.");
     m.def(
         "render_chunk",
         [](const Scene& scene, const Settings& settings, const Plan& plan, std::uint32_t index,

@@ -9,6 +9,7 @@ void bind_sampling(pybind11::module_& m);
 void bind_scene(pybind11::module_& m);
 void bind_film(pybind11::module_& m);
 void bind_render(pybind11::module_& m);
+void bind_replay(pybind11::module_& m);
 }  // namespace matiere
 
 PYBIND11_MODULE(_core, m) {
@@ -20,4 +21,5 @@ PYBIND11_MODULE(_core, m) {
     matiere::bind_scene(m);
     matiere::bind_film(m);
     matiere::bind_render(m);
+    matiere::bind_replay(m);
 }

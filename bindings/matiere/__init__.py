@@ -33,6 +33,7 @@ _HOMES = {
     "MemoryLimitError": "errors",
     "ProbeError": "errors",
     "RenderError": "errors",
+    "Replay": "replay",
     "Scene": "scene.scene",
     "SceneModel": "scene.model",
     "SceneValidationError": "errors",
@@ -49,6 +50,7 @@ _HOMES = {
     "metals": "materials",
     "read_image": "imageio",
     "render": "render",
+    "replay": "replay",
     "schema": "scene.schema",
     "write_image": "imageio",
 }
@@ -69,6 +71,7 @@ __all__ = [
     "MemoryLimitError",
     "ProbeError",
     "RenderError",
+    "Replay",
     "Scene",
     "SceneModel",
     "SceneValidationError",
@@ -88,6 +91,7 @@ __all__ = [
     "metals",
     "read_image",
     "render",
+    "replay",
     "schema",
     "write_image",
 ]
@@ -139,6 +143,7 @@ if TYPE_CHECKING:
     from matiere.materials import info, materials, metals
     from matiere.probe import Bsdf, BsdfSample, Lobe, bsdf
     from matiere.render import render
+    from matiere.replay import Replay, replay
     from matiere.scene.digest import film_key
     from matiere.scene.load import load, loads
     from matiere.scene.model import SceneModel

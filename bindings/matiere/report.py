@@ -35,6 +35,7 @@ def film_report(film: Film) -> dict[str, Any]:
     if not wall_s and info.log:  # chunks rendered by jobs know no wall clock of their own
         wall_s = info.log[-1]["wall_s"]
     rays = counters["rays"] + counters["shadow_rays"]
+    made = film.core.provenance
     return {
         "report_version": VERSION,
         "scene_digest": info.scene_digest,
@@ -60,6 +61,12 @@ def film_report(film: Film) -> dict[str, Any]:
         "rays": rays,
         "samples_per_s": samples / wall_s if wall_s else None,
         "rays_per_s": rays / wall_s if wall_s else None,
+        "kernel": {
+            "name": " + ".join(made["kernels"]) or None,
+            "features": made["found"],
+            "left_out": made["left_out"],
+        },
+        "outliers": made["outliers"],
         "counters": {key: counters[key] for key in ("rays", "shadow_rays", *WARNINGS)},
         "rejected": rejections(counters, info.materials),
         "rejected_total": counters["rejected_total"],

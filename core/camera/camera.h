@@ -35,6 +35,7 @@ class Camera {
     /// Raster position in pixels of the whole film, lens sample in [0, 1)^2.
     CameraRay ray(Vec2f raster, Vec2f lens) const;
     Vec3f origin() const { return origin_; }
+    bool has_lens() const { return aperture_radius_ > 0; }
 
  private:
     CameraRay panorama(Vec2f raster) const;

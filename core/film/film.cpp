@@ -80,6 +80,7 @@ void Film::add(const ChunkFilm& part) {
         for (int x = c.x0; x < c.x1; ++x)
             counts_[pixel_count(width(), y) + std::size_t(x)] += *count++;
     work_ += part.work();
+    provenance_ += part.provenance();
 }
 
 void Film::merge(const Film& other) {
@@ -89,6 +90,7 @@ void Film::merge(const Film& other) {
     for (std::size_t i = 0; i < sums_.size(); ++i) sums_[i] += other.sums_[i];
     for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += other.counts_[i];
     work_ += other.work_;
+    provenance_ += other.provenance_;
     merged_ = true;
 }
 

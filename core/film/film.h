@@ -9,6 +9,7 @@
 #include <vector>
 
 #include "base/guard.h"
+#include "film/outliers.h"
 #include "film/plan.h"
 
 namespace matiere {
@@ -38,6 +39,8 @@ class ChunkFilm {
     const Chunk& chunk() const { return chunk_; }
     Work& work() { return work_; }
     const Work& work() const { return work_; }
+    Provenance& provenance() { return provenance_; }
+    const Provenance& provenance() const { return provenance_; }
 
     /// Adds sample s (in the chunk's range) of the pixel at (x, y) inside the tile.
     void add(int x, int y, std::uint64_t s, const double (&value)[kFilmChannels]) {
@@ -62,6 +65,7 @@ class ChunkFilm {
     std::vector<double> sums_;
     std::vector<std::uint32_t> counts_;
     Work work_;
+    Provenance provenance_;
 };
 
 class Film {
@@ -75,6 +79,7 @@ class Film {
     std::size_t pixels() const { return counts_.size(); }
     Work& work() { return work_; }
     const Work& work() const { return work_; }
+    const Provenance& provenance() const { return provenance_; }
     /// True when films of several seeds were merged: no chunk can follow.
     bool merged() const { return merged_; }
 
@@ -122,6 +127,7 @@ class Film {
     std::vector<double> sums_;
     std::vector<std::uint32_t> counts_;
     Work work_;
+    Provenance provenance_;
     bool merged_ = false;
 };
 

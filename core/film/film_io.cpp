@@ -16,7 +16,7 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr std::uint64_t kChunkMagic = 0x314b4e4843544d89ULL;  // 0x89 "MTCHNK1"
 constexpr std::uint64_t kFilmMagic = 0x314d4c4946544d89ULL;   // 0x89 "MTFILM1"
-constexpr std::uint32_t kByteVersion = 1;
+constexpr std::uint32_t kByteVersion = 2;                     // 1 has no provenance
 
 constexpr std::array<std::uint64_t, 256> make_crc_table() {
     std::array<std::uint64_t, 256> table{};
@@ -68,10 +68,10 @@ class Reader {
     Reader(std::span<const std::byte> bytes, std::uint64_t magic) : bytes_(bytes) {
         if (bytes.size() < 3 * sizeof(std::uint64_t)) damaged("they are cut short");
         if (get<std::uint64_t>() != magic) damaged("they do not begin as a film or chunk does");
-        const auto version = get<std::uint32_t>();
-        if (version > kByteVersion)
+        version_ = get<std::uint32_t>();
+        if (version_ > kByteVersion)
             throw SceneError("newer_film", "the film was written by a newer matiere (format " +
-                                               std::to_string(version) + ", this one reads " +
+                                               std::to_string(version_) + ", this one reads " +
                                                std::to_string(kByteVersion) + ")");
         std::uint64_t stored = 0;
         const std::size_t body = bytes.size() - sizeof stored;
@@ -94,6 +94,7 @@ class Reader {
         if (size > 0) std::memcpy(values.data(), bytes_.data() + at_, size);
         at_ += size;
     }
+    std::uint32_t version() const { return version_; }
     std::size_t left() const { return bytes_.size() - at_; }
     void end() const {
         if (left() != 0) damaged("there are bytes after the end");
@@ -102,6 +103,7 @@ class Reader {
  private:
     std::span<const std::byte> bytes_;
     std::size_t at_ = 0;
+    std::uint32_t version_ = 0;
 };
 
 void put_head(Writer& out, std::uint64_t magic, const Plan& plan) {
@@ -145,6 +147,40 @@ Work get_work(Reader& in) {
     return work;
 }
 
+void put_provenance(Writer& out, const Provenance& provenance) {
+    out.put(provenance.found);
+    out.put(provenance.kernels);
+    out.put(std::uint32_t(provenance.outliers.list().size()));
+    for (const Outlier& o : provenance.outliers.list()) {
+        out.put(o.seed);
+        out.put(o.index);
+        out.put(o.replicate);
+        out.put(o.x);
+        out.put(o.y);
+        out.put(o.value);
+    }
+}
+
+Provenance get_provenance(Reader& in) {
+    Provenance provenance;
+    if (in.version() < 2) return provenance;
+    provenance.found = in.get<Features>();
+    provenance.kernels = in.get<std::uint32_t>();
+    const auto count = in.get<std::uint32_t>();
+    if (count > Outliers::kMost) damaged("they hold too many outliers");
+    for (std::uint32_t i = 0; i < count; ++i) {
+        Outlier o;
+        o.seed = in.get<std::uint64_t>();
+        o.index = in.get<std::uint64_t>();
+        o.replicate = in.get<std::uint32_t>();
+        o.x = in.get<std::int32_t>();
+        o.y = in.get<std::int32_t>();
+        o.value = in.get<std::array<float, 3>>();
+        provenance.outliers.offer(o);
+    }
+    return provenance;
+}
+
 }  // namespace
 
 std::vector<std::byte> ChunkFilm::to_bytes() const {
@@ -152,6 +188,7 @@ std::vector<std::byte> ChunkFilm::to_bytes() const {
     put_head(out, kChunkMagic, plan_);
     out.put(chunk_.index);
     put_work(out, work_);
+    put_provenance(out, provenance_);
     out.put_all(counts());
     out.put_all(sums());
     return out.finish();
@@ -162,6 +199,7 @@ ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
     const Plan plan = get_plan(in);
     ChunkFilm part(plan, in.get<std::uint32_t>());
     part.work_ = get_work(in);
+    part.provenance_ = get_provenance(in);
     in.get_all(std::span<std::uint32_t>(part.counts_));
     in.get_all(std::span<double>(part.sums_));
     in.end();
@@ -176,6 +214,7 @@ std::vector<std::byte> Film::to_bytes() const {
     put_head(out, kFilmMagic, plan_);
     out.put(std::uint32_t(merged_));
     put_work(out, work_);
+    put_provenance(out, provenance_);
     out.put_all(counts());
     out.put_all(std::span<const double>(sums_));
     return out.finish();
@@ -186,11 +225,13 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     const Plan plan = get_plan(in);
     const auto merged = in.get<std::uint32_t>();
     Work work = get_work(in);
+    Provenance provenance = get_provenance(in);
     const std::size_t pixels = std::size_t(plan.width()) * std::size_t(plan.height());
     if (in.left() != pixels * bytes_per_pixel(plan.replicates())) damaged("their length is wrong");
     Film film(plan.width(), plan.height(), plan.replicates());
     film.merged_ = merged != 0;
     film.work_ = std::move(work);
+    film.provenance_ = std::move(provenance);
     in.get_all(std::span<std::uint32_t>(film.counts_));
     in.get_all(std::span<double>(film.sums_));
     film.check_counts();

@@ -12,6 +12,7 @@ namespace matiere {
 namespace {
 
 constexpr int kCells = 256;  // of the half width: the inverse is linear inside one cell
+constexpr int kBins = 64;    // of the variate: where to look for its cell
 constexpr int kSimpson = 8;  // even steps per cell, error far below float rounding
 
 /// Unnormalised filter value at t = |x| / radius in [0, 1].
@@ -79,6 +80,9 @@ void Filter::tabulate() {
     std::transform(cdf.begin(), cdf.end(), cdf_.begin(),
                    [this](double c) { return float(c / norm_); });
     cdf_.back() = 1.0F;
+    for (int bin = 0; bin <= kBins; ++bin)
+        first_.push_back(std::uint16_t(
+            std::upper_bound(cdf_.begin() + 1, cdf_.end() - 1, float(bin) / kBins) - cdf_.begin()));
 }
 
 double Filter::density(double x) const {
@@ -93,7 +97,9 @@ float Filter::sample_1d(float u) const {
     if (kind_ == FilterKind::kTent) {
         t = v / (1.0F + std::sqrt(1.0F - v));  // 1 - sqrt(1 - v) without cancellation
     } else if (!cdf_.empty()) {
-        const auto above = std::upper_bound(cdf_.begin() + 1, cdf_.end() - 1, v);
+        const auto bin = std::size_t(std::min(int(v * kBins), kBins - 1));
+        const auto above =
+            std::upper_bound(cdf_.begin() + first_[bin], cdf_.begin() + first_[bin + 1], v);
         const float c0 = *(above - 1);
         const float width = *above - c0;
         const float inside = width > 0.0F ? std::min((v - c0) / width, 1.0F) : 0.0F;

@@ -4,6 +4,7 @@
 #pragma once
 
 #include <array>
+#include <cstdint>
 #include <string_view>
 #include <vector>
 
@@ -42,6 +43,7 @@ class Filter {
     float radius_;
     double norm_ = 1.0;
     std::vector<float> cdf_;  ///< of |x| / radius at kCells + 1 even steps; empty for box and tent
+    std::vector<std::uint16_t> first_;  ///< the first cell whose end lies above bin / kBins
 };
 
 }  // namespace matiere

@@ -5,15 +5,16 @@
 #include <algorithm>
 #include <optional>
 
-#include "material/material.h"
+#include "material/bsdf_for.h"
 #include "sampling/photon_guide.h"
 
 namespace matiere {
 
+template <class B>
 class GuidedBsdf {
  public:
     /// `region` may be null: then this is the material as it is.
-    GuidedBsdf(const Bsdf& bsdf, const PhotonGuide::Region* region, Vec3f p)
+    GuidedBsdf(const B& bsdf, const PhotonGuide::Region* region, Vec3f p)
         : bsdf_(bsdf), region_(region), p_(p), share_(region != nullptr ? region->share() : 0) {}
 
     BsdfEval<float> eval(Vec3f wo, Vec3f wi, Counters& counters) const {
@@ -53,7 +54,7 @@ class GuidedBsdf {
         return BsdfSample<float>{wi, value.f * (1 / pdf), pdf, kDiffuse | kReflection, 1};
     }
 
-    const Bsdf& bsdf_;
+    const B& bsdf_;
     const PhotonGuide::Region* region_;
     Vec3f p_;
     float share_;

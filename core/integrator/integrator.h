@@ -3,6 +3,7 @@
 
 #include <cstdint>
 
+#include "base/features.h"
 #include "base/guard.h"
 #include "base/spectrum.h"
 
@@ -19,6 +20,7 @@ struct PathSettings {
     Strategy strategy = Strategy::kMis;
     bool transparent_background = false;
     bool guide_caustics = true;  ///< where the scene has hidden light; the tests compare both
+    int kernel = -1;             ///< index in `kernels()`; -1: the smallest that covers the scene
 };
 
 struct PathResult {
@@ -26,18 +28,29 @@ struct PathResult {
     float alpha = 1;  ///< 0 where a camera path left a transparent background uncovered
 };
 
+/// Which sample of a film, beside the seed: a pixel of the whole film, and the index inside the
+/// replicate.
+struct SampleId {
+    int x = 0, y = 0;
+    std::uint32_t replicate = 0;
+    std::uint64_t index = 0;
+};
+
+struct Kernel;
+
 class PathIntegrator {
  public:
-    PathIntegrator(const Scene& scene, const PathSettings& settings)
-        : scene_(&scene), settings_(settings) {}
+    /// Throws SceneError where the settings name a kernel that lacks what the scene needs.
+    PathIntegrator(const Scene& scene, const PathSettings& settings);
 
-    /// One sample of pixel (x, y) of the whole film: a pure function of its arguments.
-    PathResult sample(int x, int y, std::uint32_t replicate, std::uint64_t index,
-                      Counters& counters) const;
+    /// One sample: a pure function of its arguments.
+    PathResult sample(const SampleId& id, Counters& counters) const;
+    const Kernel& kernel() const { return *kernel_; }
 
  private:
     const Scene* scene_;
     PathSettings settings_;
+    const Kernel* kernel_;
 };
 
 }  // namespace matiere

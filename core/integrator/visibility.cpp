@@ -6,18 +6,8 @@ namespace matiere {
 
 namespace {
 
-/// A shadow ray ends this part of its length before the light's own surface, several roundings of
-/// its ray parameter, so that the light does not shadow itself.
-constexpr float kShadowEnd = 1 - 0x1p-18F;
 /// Surfaces that one shadow ray may pass.
 constexpr int kMaxPassed = 1000;
-
-Ray shadow_ray(const SurfaceHit& s, const LightSample& light) {
-    const Vec3f origin = offset_origin(s.point.p, s.error, s.point.n_g, light.wi);
-    if (light.infinite) return {origin, light.wi};
-    const Vec3f target = offset_origin(light.p, light.error, light.n, -light.wi);
-    return {origin, target - origin, kShadowEnd};
-}
 
 /// Walks through what does not stop light: interfaces hidden inside a medium of higher priority,
 /// and what opacity and null parts let pass.

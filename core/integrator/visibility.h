@@ -5,6 +5,17 @@
 
 namespace matiere {
 
+/// A shadow ray ends this part of its length before the light's own surface, several roundings of
+/// its ray parameter, so that the light does not shadow itself.
+inline constexpr float kShadowEnd = 1 - 0x1p-18F;
+
+inline Ray shadow_ray(const SurfaceHit& s, const LightSample& light) {
+    const Vec3f origin = offset_origin(s.point.p, s.error, s.point.n_g, light.wi);
+    if (light.infinite) return {origin, light.wi};
+    const Vec3f target = offset_origin(light.p, light.error, light.n, -light.wi);
+    return {origin, target - origin, kShadowEnd};
+}
+
 /// Beer-Lambert over `distance` metres of the current medium; zero times infinity is no absorption.
 Spectrumf absorb(const Scene& scene, const InteriorStack& inside, float distance);
 

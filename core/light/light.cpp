@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <iterator>
 
 namespace matiere {
 
@@ -93,19 +94,9 @@ LightSample delta_sample(Vec3f wi, const Spectrumf& value) {
     return s;
 }
 
-std::optional<LightSample> shape_sample(Vec3f reference, const ShapeSample& s,
-                                        const Spectrumf& radiance, bool two_sided) {
-    const Vec3f to_light = s.p - reference;
+std::optional<LightSample> if_any(const LightSample& s) {
     if (!(s.pdf > 0)) return std::nullopt;
-    if (!two_sided && dot(to_light, s.n) >= 0) return std::nullopt;
-    LightSample out;
-    out.wi = normalize(to_light);
-    out.weight = radiance * (1 / s.pdf);
-    out.pdf = s.pdf;
-    out.p = s.p;
-    out.error = s.error;
-    out.n = s.n;
-    return out;
+    return s;
 }
 
 }  // namespace
@@ -150,6 +141,24 @@ LightSet::LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> en
     choice_ = DiscreteDistribution(power);
 }
 
+std::string_view LightSet::kind(int i) const {
+    constexpr std::string_view kNames[] = {"point", "spot",   "directional", "rectangle",
+                                           "mesh",  "sphere", "environment"};
+    static_assert(std::size(kNames) == std::variant_size_v<Light>);
+    return kNames[lights_[std::size_t(i)].index()];
+}
+
+bool LightSet::has_points() const {
+    return std::any_of(lights_.begin(), lights_.end(), [](const Light& l) {
+        return std::holds_alternative<PointLight>(l) || std::holds_alternative<SpotLight>(l) ||
+               std::holds_alternative<DirectionalLight>(l);
+    });
+}
+
+bool LightSet::is_one_rectangle() const {
+    return lights_.size() == 1 && std::holds_alternative<RectangleLight>(lights_[0]);
+}
+
 std::optional<LightSet::Choice> LightSet::choose(Vec3f reference, std::uint32_t u) const {
     const auto first = choice_.sample(u);
     const std::uint32_t chosen = choices_[first.index];
@@ -169,57 +178,59 @@ std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& 
     const auto choice = choose(reference, u.bits[0]);
     if (!choice) return std::nullopt;
     auto found = std::visit(
-        Overload{[&](const PointLight& l) -> std::optional<LightSample> {
-                     const Vec3f to_light = l.position - reference;
-                     const float d2 = length_squared(to_light);
-                     if (!(d2 > 0)) return std::nullopt;
-                     auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
-                     s.p = l.position;
-                     return s;
-                 },
-                 [&](const SpotLight& l) -> std::optional<LightSample> {
-                     const Vec3f to_light = l.position - reference;
-                     const float d2 = length_squared(to_light);
-                     if (!(d2 > 0)) return std::nullopt;
-                     const Vec3f wi = to_light * (1 / std::sqrt(d2));
-                     const float share = l.falloff(-wi);
-                     if (share == 0) return std::nullopt;
-                     auto s = delta_sample(wi, l.intensity * (share / d2));
-                     s.p = l.position;
-                     return s;
-                 },
-                 [&](const DirectionalLight& l) -> std::optional<LightSample> {
-                     auto s = delta_sample(-l.direction, l.irradiance);
-                     s.infinite = true;
-                     return s;
-                 },
-                 [&](const RectangleLight& l) {
-                     return shape_sample(reference, l.shape.sample(reference, u), l.radiance,
-                                         false);
-                 },
-                 [&](const MeshLight& l) -> std::optional<LightSample> {
-                     const auto s = l.shape.sample(reference, u);
-                     if (!s) return std::nullopt;
-                     return shape_sample(reference, *s, materials_->emission(l.material, s->uv),
-                                         (*materials_)[l.material].two_sided);
-                 },
-                 [&](const SphereLight& l) {
-                     const auto s = l.shape.sample(reference, u);
-                     return shape_sample(reference, s, materials_->emission(l.material, s.uv),
-                                         (*materials_)[l.material].two_sided);
-                 },
-                 [&](const EnvironmentTag&) -> std::optional<LightSample> {
-                     const auto e = environment_->sample(u);
-                     if (!e || !(e->pdf > 0)) return std::nullopt;
-                     LightSample s;
-                     s.wi = e->wi;
-                     s.weight = e->radiance * (1 / e->pdf);
-                     s.pdf = e->pdf;
-                     s.infinite = true;
-                     return s;
-                 }},
+        Overload{
+            [&](const PointLight& l) -> std::optional<LightSample> {
+                const Vec3f to_light = l.position - reference;
+                const float d2 = length_squared(to_light);
+                if (!(d2 > 0)) return std::nullopt;
+                auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
+                s.p = l.position;
+                return s;
+            },
+            [&](const SpotLight& l) -> std::optional<LightSample> {
+                const Vec3f to_light = l.position - reference;
+                const float d2 = length_squared(to_light);
+                if (!(d2 > 0)) return std::nullopt;
+                const Vec3f wi = to_light * (1 / std::sqrt(d2));
+                const float share = l.falloff(-wi);
+                if (share == 0) return std::nullopt;
+                auto s = delta_sample(wi, l.intensity * (share / d2));
+                s.p = l.position;
+                return s;
+            },
+            [&](const DirectionalLight& l) -> std::optional<LightSample> {
+                auto s = delta_sample(-l.direction, l.irradiance);
+                s.infinite = true;
+                return s;
+            },
+            [&](const RectangleLight& l) {
+                return if_any(
+                    shape_sample(reference, l.shape.sample(reference, u), l.radiance, false));
+            },
+            [&](const MeshLight& l) -> std::optional<LightSample> {
+                const auto s = l.shape.sample(reference, u);
+                if (!s) return std::nullopt;
+                return if_any(shape_sample(reference, *s, materials_->emission(l.material, s->uv),
+                                           (*materials_)[l.material].two_sided));
+            },
+            [&](const SphereLight& l) {
+                const auto s = l.shape.sample(reference, u);
+                return if_any(shape_sample(reference, s, materials_->emission(l.material, s.uv),
+                                           (*materials_)[l.material].two_sided));
+            },
+            [&](const EnvironmentTag&) -> std::optional<LightSample> {
+                const auto e = environment_->sample(u);
+                if (!e || !(e->pdf > 0)) return std::nullopt;
+                LightSample s;
+                s.wi = e->wi;
+                s.weight = e->radiance * (1 / e->pdf);
+                s.pdf = e->pdf;
+                s.infinite = true;
+                return s;
+            }},
         lights_[choice->light]);
     if (!found) return std::nullopt;
+    found->light = int(choice->light);
     found->weight *= 1 / choice->probability;
     found->pdf *= choice->probability;
     return found;

@@ -5,6 +5,7 @@
 
 #include <cstdint>
 #include <optional>
+#include <string_view>
 #include <variant>
 #include <vector>
 
@@ -72,7 +73,23 @@ struct LightSample {
     Vec3f p, error, n;  ///< where the shadow ray ends; unused at infinity
     bool infinite = false;
     bool delta = false;
+    int light = 0;  ///< index in the set
 };
+
+/// Light from a point on a shape; its density is 0 where it cannot reach the reference.
+[[gnu::always_inline]] inline LightSample shape_sample(Vec3f reference, const ShapeSample& s,
+                                                       const Spectrumf& radiance, bool two_sided) {
+    const Vec3f to_light = s.p - reference;
+    LightSample out;
+    if (!(s.pdf > 0) || (!two_sided && dot(to_light, s.n) >= 0)) return out;
+    out.wi = normalize(to_light);
+    out.weight = radiance * (1 / s.pdf);
+    out.pdf = s.pdf;
+    out.p = s.p;
+    out.error = s.error;
+    out.n = s.n;
+    return out;
+}
 
 /// Where a camera path met a light by chance.
 struct LightHit {
@@ -90,10 +107,22 @@ class LightSet {
 
     bool empty() const { return choice_.empty(); }
     int size() const { return int(lights_.size()); }
+    int environment_index() const { return environment_index_; }
+    /// What light i is: point, spot, directional, rectangle, mesh, sphere or environment.
+    std::string_view kind(int i) const;
+    /// Lights without a surface: found by light sampling alone.
+    bool has_points() const;
+    bool is_one_rectangle() const;
     const EnvironmentLight* environment() const { return environment_ ? &*environment_ : nullptr; }
 
     /// Samples light at `reference`; nothing where the chosen light cannot reach it.
     std::optional<LightSample> sample(Vec3f reference, const SampleBlock& u) const;
+    /// The same where one rectangle is all there is: no choice, and density 0 for nothing.
+    [[gnu::always_inline]] LightSample sample_rectangle(Vec3f reference,
+                                                        const SampleBlock& u) const {
+        const RectangleLight& l = *std::get_if<RectangleLight>(lights_.data());
+        return shape_sample(reference, l.shape.sample(reference, u), l.radiance, false);
+    }
     /// Density with which `sample` finds the point of a light, or a direction of the environment.
     float pdf(Vec3f reference, const LightHit& hit) const;
     float pdf_environment(Vec3f direction) const;

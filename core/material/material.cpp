@@ -5,25 +5,11 @@
 #include <variant>
 
 #include "base/error.h"
+#include "material/bsdf_for.h"
 #include "material/normal_map.h"
 
 namespace matiere {
 namespace {
-
-/// Shading normals that would face away from the viewer are bent until wo is just above their
-/// horizon; 1e-3 keeps the black rim of coarse meshes away and cosines out of the denormals.
-constexpr float kMinShadingCosine = 1e-3F;
-constexpr std::uint8_t kNullLobes = kSpecular | kTransmission | kNull;
-
-Vec3f bend_towards(Vec3f n_s, Vec3f wo, Vec3f n_g) {
-    const float target = std::min(kMinShadingCosine, dot(wo, n_g));
-    const float c = dot(wo, n_s);
-    if (c >= target) return n_s;
-    const Vec3f tangential = n_s - wo * c;
-    const float l2 = length_squared(tangential);
-    if (!(l2 > 1e-8F)) return n_g;
-    return tangential * std::sqrt((1.0F - target * target) / l2) + wo * target;
-}
 
 void read_emission(const MaterialDescription& d, const TextureTable& textures, MaterialRecord& r) {
     const std::string pointer = d.pointer + "/emission";
@@ -110,6 +96,7 @@ MaterialRecord make_record(const MaterialDescription& d, const TextureTable& tex
     read_maps(d, textures, r);
     r.delta_only = (r.lobes & (kDiffuse | kGlossy)) == 0;
     if (r.recipe.textured()) r.features |= kFeatureTextured;
+    r.made_at_hits = r.recipe.textured() || r.has_interior;
     if (r.emissive) r.features |= kFeatureEmission;
     return r;
 }
@@ -156,89 +143,6 @@ float MaterialTable::pass_through(int material, Vec2f uv) const {
                          : model_null_share<float>(r.recipe.model());
     }
     return 1.0F - opacity(material, uv) * (1.0F - null_share);
-}
-
-Bsdf::Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, Vec3f wo,
-           float eta_rel)
-    : n_g_(point.n_g), material_(material) {
-    const MaterialRecord& record = table[material];
-    const bool interface = (record.features & kFeatureTransmission) != 0;
-    const bool mapped = record.normal_map >= 0 || record.bump_map >= 0;
-    Vec3f n_s = mapped ? table.shading_normal(material, point) : point.n_s;
-    if (dot(wo, n_g_) < 0.0F) {
-        n_g_ = -n_g_;
-        n_s = -n_s;
-        black_ = !record.two_sided && !interface;
-    }
-    n_s = bend_towards(n_s, wo, n_g_);
-    frame_ = (record.features & kFeatureAnisotropic) ? Framef::from_normal_tangent(n_s, point.dpdu)
-                                                     : Framef::from_normal(n_s);
-    if (record.recipe.textured() || record.has_interior)
-        own_ = record.recipe.at(table.textures(), point.uv, eta_rel, nested_);
-    else
-        constant_ = &record.recipe.model();
-    if (record.passes) opacity_ = table.opacity(material, point.uv);
-}
-
-BsdfEval<float> Bsdf::eval(Vec3f wo, Vec3f wi) const {
-    const Vec3f local_o = frame_.to_local(wo);
-    const Vec3f local_i = frame_.to_local(wi);
-    const float side = dot(wi, n_g_);
-    if (black_ || !(local_o.z > 0.0F) || !(local_i.z * side > 0.0F)) return {};
-    BsdfEval<float> e = eval_model(model(), local_o, local_i);
-    if (opacity_ < 1.0F) {
-        e.f *= opacity_;
-        e.pdf *= opacity_;
-    }
-    return e;
-}
-
-BsdfEval<float> Bsdf::eval(Vec3f wo, Vec3f wi, Counters& counters) const {
-    const BsdfEval<float> e = eval(wo, wi);
-    if (e.f.is_finite() && std::isfinite(e.pdf)) return e;
-    counters.reject(Reject::kNonFiniteEval, material_);
-    return {};
-}
-
-std::optional<BsdfSample<float>> Bsdf::sample(Vec3f wo, Vec3f u, Counters& counters) const {
-    if (!(opacity_ < 1.0F)) return sample_surface(wo, u, counters);
-    const float gap = 1.0F - opacity_;
-    if (u.x < gap) return BsdfSample<float>{-wo, Spectrumf(1.0F), gap, kNullLobes};
-    u.x = std::min((u.x - gap) / opacity_, kOneMinusEpsilon<float>);
-    auto s = sample_surface(wo, u, counters);
-    if (s) s->pdf *= opacity_;
-    return s;
-}
-
-std::optional<BsdfSample<float>> Bsdf::sample_surface(Vec3f wo, Vec3f u, Counters& counters) const {
-    const Vec3f local_o = frame_.to_local(wo);
-    if (black_ || !(local_o.z > 0.0F)) return {};
-    auto s = sample_model(model(), local_o, u);
-    if (!s) return {};
-    if (!s->weight.is_finite() || !std::isfinite(s->pdf) || !is_finite(s->wi)) {
-        counters.reject(Reject::kNonFiniteSample, material_);
-        return {};
-    }
-    if (s->weight.is_black() || !(s->pdf > 0.0F)) return {};
-    // A direction above the shading horizon but below the surface (or the reverse) is absorbed, as
-    // eval says; the surface would shadow it.
-    if ((s->lobe & kNull) != 0) {
-        s->wi = -wo;
-        return s;
-    }
-    const float local_z = s->wi.z;
-    s->wi = frame_.to_world(s->wi);
-    if (!(local_z * dot(s->wi, n_g_) > 0.0F)) {
-        counters.reject(Reject::kSideMismatch, material_);
-        return {};
-    }
-    return s;
-}
-
-std::uint8_t Bsdf::lobes() const {
-    const std::uint8_t gap = opacity_ < 1.0F ? kNullLobes : 0;
-    if (black_ || opacity_ == 0.0F) return gap;
-    return std::uint8_t(gap | model_lobes<float>(model()));
 }
 
 }  // namespace matiere

@@ -1,15 +1,10 @@
-// Materials in the world: the table of a scene's materials and `Bsdf`, the scattering of one hit.
-// The only place that turns world directions into local ones, keeps shading and geometric sides
-// apart, and rejects what is not finite, counting why.
+// Materials in the world: the table of a scene's materials. `Bsdf` (bsdf_for.h) is the scattering
+// of one hit.
 #pragma once
 
 #include <memory>
-#include <optional>
 #include <vector>
 
-#include "base/frame.h"
-#include "base/guard.h"
-#include "material/bsdf.h"
 #include "material/record.h"
 #include "material/surface_point.h"
 
@@ -34,7 +29,13 @@ struct MaterialRecord {
     bool passes = false;                 ///< may let light straight through (opacity, null parts)
     std::uint32_t features = 0;          ///< ModelFeature bits
     std::uint8_t lobes = 0;              ///< Lobe bits; all that may occur where textured
+    bool made_at_hits = false;           ///< textures or the other medium shape the model
     ModelRecipe<float> recipe;
+
+    bool mapped() const { return normal_map >= 0 || bump_map >= 0; }
+    bool textured() const {
+        return recipe.textured() || emission_texture >= 0 || opacity_texture >= 0;
+    }
 };
 
 /// Built once, then immutable and shared by all threads. Keeps a pointer to `textures`.
@@ -62,46 +63,6 @@ class MaterialTable {
     std::vector<MaterialRecord> records_;
     const TextureTable* textures_;
     std::unique_ptr<TableStore<float>> tables_;
-};
-
-/// The scattering of one hit. Made for one wo; small, no heap, no virtual calls.
-class Bsdf {
- public:
-    /// `wo` is the unit world direction to the viewer; `eta_rel` the index of the medium on the
-    /// other side over that on the side of wo, read by interfaces only.
-    Bsdf(const MaterialTable& table, int material, const SurfacePoint& point, Vec3f wo,
-         float eta_rel);
-    Bsdf(const Bsdf&) = delete;  // own_ may point into nested_
-    Bsdf& operator=(const Bsdf&) = delete;
-
-    /// f |cos| and pdf for world directions. Zero where geometric and shading sides disagree, so
-    /// that no light leaks through. What is not finite is zeroed and counted.
-    BsdfEval<float> eval(Vec3f wo, Vec3f wi, Counters& counters) const;
-    /// The same, uncounted: what is not finite is returned as it is, for the caller to count.
-    BsdfEval<float> eval(Vec3f wo, Vec3f wi) const;
-
-    /// A world direction, or nothing where the sample is absorbed or rejected. u.x picks the lobe.
-    /// A kNull sample goes on in the direction -wo: no scattering event.
-    std::optional<BsdfSample<float>> sample(Vec3f wo, Vec3f u, Counters& counters) const;
-
-    std::uint8_t lobes() const;
-    bool is_delta() const { return (lobes() & (kDiffuse | kGlossy)) == 0; }
-    bool may_pass() const { return (lobes() & kNull) != 0; }
-    /// The shading frame, its normal on the side of wo.
-    const Framef& frame() const { return frame_; }
-
- private:
-    const AnyModel<float>& model() const { return constant_ ? *constant_ : own_; }
-    std::optional<BsdfSample<float>> sample_surface(Vec3f wo, Vec3f u, Counters& counters) const;
-
-    Framef frame_;
-    Vec3f n_g_;                                  // on the side of wo
-    const AnyModel<float>* constant_ = nullptr;  // null: own_
-    AnyModel<float> own_;
-    NestedModels<float> nested_;  // of own_
-    int material_;
-    float opacity_ = 1.0F;
-    bool black_ = false;  // the back of a one-sided surface
 };
 
 }  // namespace matiere

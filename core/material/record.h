@@ -136,4 +136,10 @@ bool model_is_stochastic(const AnyModel<R>& model) {
     });
 }
 
+// Code for every model: made in dispatch.cpp alone.
+extern template BsdfEval<float> eval_model<float>(const AnyModel<float>&, Vec3<float>, Vec3<float>);
+extern template std::optional<BsdfSample<float>> sample_model<float>(const AnyModel<float>&,
+                                                                     Vec3<float>, Vec3<float>);
+extern template std::uint8_t model_lobes<float>(const AnyModel<float>&);
+
 }  // namespace matiere

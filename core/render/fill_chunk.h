@@ -22,24 +22,36 @@ struct CropOrigin {
     int x = 0, y = 0;
 };
 
-/// Renders one chunk in order: rows, pixels, samples. `sample(x, y, replicate, index, counters)`
-/// returns a PathResult and gets whole-film pixels. Nothing comes back if the token was raised.
+/// What a chunk's samples come from, beside their own numbers.
+struct ChunkSource {
+    CropOrigin origin;
+    std::uint64_t seed = 0;
+    Features found = 0;
+    std::uint32_t kernels = 0;
+};
+
+/// Renders one chunk in order: rows, pixels, samples. `sample(id, counters)` returns a
+/// PathResult and gets pixels of the whole film. Nothing comes back if the token was raised.
 template <class SampleFn>
-std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index, CropOrigin origin,
-                                    const CancelToken& cancel, SampleFn&& sample) {
+std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index,
+                                    const ChunkSource& source, const CancelToken& cancel,
+                                    SampleFn&& sample) {
     const FlushDenormals float_mode;
     const double start = thread_cpu_seconds();
     ChunkFilm film(plan, index);
     const Chunk& chunk = film.chunk();
     const auto replicates = std::uint64_t(plan.replicates());
     Counters& counters = film.work().counters;
+    film.provenance() = {source.found, source.kernels, {}};
     for (int y = 0; y < chunk.height(); ++y) {
         if (cancel.cancelled()) return std::nullopt;
         for (int x = 0; x < chunk.width(); ++x)
             for (std::uint64_t s = chunk.s0; s < chunk.s1; ++s) {
-                const PathResult p =
-                    sample(origin.x + chunk.x0 + x, origin.y + chunk.y0 + y,
-                           std::uint32_t(s % replicates), s / replicates, counters);
+                const SampleId id{source.origin.x + chunk.x0 + x, source.origin.y + chunk.y0 + y,
+                                  std::uint32_t(s % replicates), s / replicates};
+                const PathResult p = sample(id, counters);
+                film.provenance().outliers.offer(
+                    {source.seed, id.index, id.replicate, id.x, id.y, {p.L[0], p.L[1], p.L[2]}});
                 film.add(x, y, s,
                          {double(p.L[0]), double(p.L[1]), double(p.L[2]), double(p.alpha)});
             }

@@ -1,3 +1,4 @@
+#include "integrator/kernels.h"
 #include "render/fill_chunk.h"
 #include "render/render.h"
 #include "scene/scene.h"
@@ -9,12 +10,12 @@ std::optional<ChunkFilm> render_chunk(const Scene& scene, const Settings& settin
                                       const CancelToken& cancel) {
     const PathIntegrator integrator(scene, settings);
     const auto& crop = scene.film().crop;
-    const CropOrigin origin = crop ? CropOrigin{(*crop)[0], (*crop)[1]} : CropOrigin{};
-    return fill_chunk(
-        plan, index, origin, cancel,
-        [&](int x, int y, std::uint32_t replicate, std::uint64_t sample, Counters& counters) {
-            return integrator.sample(x, y, replicate, sample, counters);
-        });
+    ChunkSource source{{}, settings.seed, scene.features(), 0};
+    if (crop) source.origin = {(*crop)[0], (*crop)[1]};
+    source.kernels = 1U << unsigned(&integrator.kernel() - kernels().data());
+    return fill_chunk(plan, index, source, cancel, [&](const SampleId& id, Counters& counters) {
+        return integrator.sample(id, counters);
+    });
 }
 
 }  // namespace matiere

@@ -31,13 +31,13 @@ struct Synthetic {
 
     static double mean(int x, int y) { return 0.2 + 0.05 * double((x / 8 + y / 8) % 16); }
 
-    PathResult operator()(int x, int y, std::uint32_t replicate, std::uint64_t index,
-                          Counters& counters) const {
+    PathResult operator()(const SampleId& id, Counters& counters) const {
         ++counters.samples;
         ++counters.rays;
         const double value = kind == SyntheticKind::kZero
                                  ? 0.0
-                                 : mean(x, y) * unit_mean(hash_words(seed, replicate, x, y, index));
+                                 : mean(id.x, id.y) * unit_mean(hash_words(seed, id.replicate, id.x,
+                                                                           id.y, id.index));
         return {Spectrumf(float(value), float(0.5 * value), float(0.25 * value)), 1.0F};
     }
 

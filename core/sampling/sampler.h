@@ -5,6 +5,7 @@
 #pragma once
 
 #include <array>
+#include <bit>
 #include <cstdint>
 
 #include "base/rng.h"
@@ -39,7 +40,7 @@ class Sampler {
               hash_words(seed, replicate,
                          std::uint64_t(std::uint32_t(x)) | (std::uint64_t(std::uint32_t(y)) << 32U),
                          index >> 32U)),
-          index_(std::uint32_t(index)) {}
+          reversed_index_(reverse_bits(std::uint32_t(index))) {}
 
     SampleBlock block(std::uint32_t bounce, Purpose purpose) const {
         const std::uint64_t slot =
@@ -47,16 +48,13 @@ class Sampler {
         const std::uint64_t h = mix64(key_ + (slot + 1) * 0x9e3779b97f4a7c15ULL);
         const std::uint64_t g = mix64(h ^ 0xd1b54a32d192ed03ULL);
         const auto shuffle_seed = std::uint32_t(mix64(g + h) >> 32U);
-        const std::array<std::uint32_t, 4> seeds = {std::uint32_t(h), std::uint32_t(h >> 32U),
-                                                    std::uint32_t(g), std::uint32_t(g >> 32U)};
-        SampleBlock out{sobol4(shuffle_index(index_, shuffle_seed))};
-        for (std::size_t d = 0; d < 4; ++d) out.bits[d] = owen_scramble(out.bits[d], seeds[d]);
-        return out;
+        const Quad seeds = std::bit_cast<Quad>(std::array{h, g});
+        return {scrambled_sobol4(reversed_index_, shuffle_seed, seeds)};
     }
 
  private:
     std::uint64_t key_;
-    std::uint32_t index_;
+    std::uint32_t reversed_index_;
 };
 
 }  // namespace matiere

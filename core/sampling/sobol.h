@@ -8,6 +8,8 @@
 #include <bit>
 #include <cstdint>
 
+#include <immintrin.h>
+
 #include "base/rng.h"
 
 namespace matiere {
@@ -49,6 +51,9 @@ inline constexpr std::array<Column, 32> kColumns = columns();
 
 }  // namespace sobol_detail
 
+/// Four numbers of 32 bits that are worked on together.
+using Quad = std::uint32_t __attribute__((vector_size(16)));
+
 constexpr std::uint32_t reverse_bits(std::uint32_t x) {
     x = __builtin_bswap32(x);
     x = ((x & 0x0f0f0f0fU) << 4) | ((x >> 4) & 0x0f0f0f0fU);
@@ -56,8 +61,22 @@ constexpr std::uint32_t reverse_bits(std::uint32_t x) {
     return ((x & 0x55555555U) << 1) | ((x >> 1) & 0x55555555U);
 }
 
+inline Quad reverse_bits(Quad x) {
+    // The two halves of a byte by a table each, then the bytes of a number in reverse.
+    const __m128i low =
+        _mm_setr_epi8(0, -128, 64, -64, 32, -96, 96, -32, 16, -112, 80, -48, 48, -80, 112, -16);
+    const __m128i high = _mm_setr_epi8(0, 8, 4, 12, 2, 10, 6, 14, 1, 9, 5, 13, 3, 11, 7, 15);
+    const __m128i swap = _mm_setr_epi8(3, 2, 1, 0, 7, 6, 5, 4, 11, 10, 9, 8, 15, 14, 13, 12);
+    const __m128i nibble = _mm_set1_epi8(15), v = __m128i(x);
+    const __m128i reversed =
+        _mm_or_si128(_mm_shuffle_epi8(low, _mm_and_si128(v, nibble)),
+                     _mm_shuffle_epi8(high, _mm_and_si128(_mm_srli_epi16(v, 4), nibble)));
+    return Quad(_mm_shuffle_epi8(reversed, swap));
+}
+
 /// Owen scrambling of bit-reversed values: each bit is flipped by a hash of the bits below it.
-constexpr std::uint32_t owen_hash_reversed(std::uint32_t x, std::uint32_t seed) {
+template <class T>
+constexpr T owen_hash_reversed(T x, T seed) {
     x ^= x * 0x3d20adeaU;
     x += seed;
     x *= (seed >> 16) | 1U;
@@ -65,26 +84,35 @@ constexpr std::uint32_t owen_hash_reversed(std::uint32_t x, std::uint32_t seed) 
     return x ^ (x * 0x53a22864U);
 }
 
-constexpr std::uint32_t owen_scramble(std::uint32_t x, std::uint32_t seed) {
-    return reverse_bits(owen_hash_reversed(reverse_bits(x), seed));
+namespace sobol_detail {
+
+constexpr std::array<Column, 32> reversed_columns() {
+    auto c = kColumns;
+    for (auto& column : c)
+        for (auto& x : column) x = reverse_bits(x);
+    return c;
 }
 
-/// A nested permutation of the index that maps every [0, 2^k) onto itself, so that shuffled blocks
-/// keep the prefix property. The constant xor removes the leading bits that Owen scrambling would
-/// set: a digital shift changes no distribution, and small indices stay small, so that a point
-/// costs log2(index) steps instead of 32.
-constexpr std::uint32_t shuffle_index(std::uint32_t index, std::uint32_t seed) {
-    return owen_scramble(index, seed) ^ owen_scramble(0, seed);
-}
+alignas(16) inline constexpr std::array<Column, 32> kReversedColumns = reversed_columns();
 
-/// Point `index` of the 4-D Sobol sequence as 0.32 fixed point, unscrambled.
-constexpr std::array<std::uint32_t, 4> sobol4(std::uint32_t index) {
-    std::array<std::uint32_t, 4> x{};
+}  // namespace sobol_detail
+
+/// Point `index` of the 4-D Sobol sequence as 0.32 fixed point, its index shuffled and its
+/// coordinates scrambled by the seeds; takes the index with its bits reversed, and works on
+/// reversed numbers throughout. The shuffle is a nested permutation of the index that maps every
+/// [0, 2^k) onto itself, so that shuffled blocks keep the prefix property. The constant xor removes
+/// the leading bits that Owen scrambling would set: a digital shift changes no distribution, and
+/// small indices stay small, so that a point costs log2(index) steps instead of 32.
+inline std::array<std::uint32_t, 4> scrambled_sobol4(std::uint32_t reversed_index,
+                                                     std::uint32_t shuffle_seed, Quad seeds) {
+    std::uint32_t index = reverse_bits(owen_hash_reversed(reversed_index, shuffle_seed) ^
+                                       owen_hash_reversed(0U, shuffle_seed));
+    Quad x{};
     for (; index != 0; index &= index - 1) {
-        const auto& c = sobol_detail::kColumns[std::size_t(std::countr_zero(index))];
-        for (std::size_t d = 0; d < 4; ++d) x[d] ^= c[d];
+        const auto& c = sobol_detail::kReversedColumns[std::size_t(std::countr_zero(index))];
+        x ^= std::bit_cast<Quad>(c);
     }
-    return x;
+    return std::bit_cast<std::array<std::uint32_t, 4>>(reverse_bits(owen_hash_reversed(x, seeds)));
 }
 
 }  // namespace matiere

@@ -7,6 +7,7 @@
 
 #include "base/parallel.h"
 #include "base/rng.h"
+#include "material/bsdf_for.h"
 #include "sampling/discrete.h"
 #include "sampling/warp.h"
 #include "scene/scene.h"

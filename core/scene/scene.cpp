@@ -6,6 +6,7 @@
 
 #include "base/error.h"
 #include "scene/caustics.h"
+#include "scene/features.h"
 
 namespace matiere {
 
@@ -81,6 +82,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     if (interiors > 0) find_camera_interior();
     const auto built = std::chrono::steady_clock::now();
     caustics_ = trace_caustics(*this, threads);
+    features_ = scan_features(*this);
 
     stats_.caustic_photons = caustics_.photons();
     stats_.caustic_s =
@@ -103,6 +105,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
 void Scene::add_meshes(std::vector<MeshDescription>&& meshes) {
     for (auto& m : meshes) {
         check_mesh(m, materials_->size());
+        if (!reads_uv(*materials_, m.material)) m.uv = {};
         meshes_.push_back(make_mesh(std::move(m)));
     }
 }
@@ -172,71 +175,6 @@ int Scene::material_of(const RayHit& hit) const {
                                          : spheres_[hit.primitive].material;
 }
 
-SurfaceHit Scene::surface(const Ray& ray, const RayHit& hit) const {
-    return hit.geometry < meshes_.size() ? triangle_surface(*meshes_[hit.geometry], hit)
-                                         : sphere_surface(ray, hit);
-}
-
-SurfaceHit Scene::triangle_surface(const Mesh& mesh, const RayHit& hit) const {
-    const auto [a, b, c] = mesh.triangle(hit.primitive);
-    const Vec3f p0 = mesh.position(a), p1 = mesh.position(b), p2 = mesh.position(c);
-    const float w1 = hit.u, w2 = hit.v, w0 = 1 - w1 - w2;
-
-    SurfaceHit s;
-    s.material = mesh.material;
-    s.light = mesh.light;
-    s.primitive = hit.primitive;
-    s.point.p = p0 * w0 + p1 * w1 + p2 * w2;
-    s.error = (abs(p0 * w0) + abs(p1 * w1) + abs(p2 * w2)) * gamma_bound<float>(7);
-    const Vec3f e1 = p1 - p0, e2 = p2 - p0;
-    // Double: the squared length of this cross product leaves float at 1e10 m and 1e-10 m.
-    s.point.n_g = vec_cast<float>(normalize(cross(vec_cast<double>(e1), vec_cast<double>(e2))));
-    s.point.n_s = s.point.n_g;
-    if (!mesh.normals.empty()) {
-        const Vec3f n = mesh.normal(a) * w0 + mesh.normal(b) * w1 + mesh.normal(c) * w2;
-        const float l2 = length_squared(n);
-        if (l2 > 0 && std::isfinite(l2)) {
-            const Vec3f unit = n * (1 / std::sqrt(l2));
-            s.point.n_s = dot(unit, s.point.n_g) < 0 ? -unit : unit;
-        }
-    }
-    s.point.uv = {w1, w2};
-    if (!mesh.uv.empty()) {
-        const Vec2f t0 = mesh.texcoord(a), t1 = mesh.texcoord(b), t2 = mesh.texcoord(c);
-        s.point.uv = t0 * w0 + t1 * w1 + t2 * w2;
-        const Vec2f d1 = t1 - t0, d2 = t2 - t0;
-        const float det = difference_of_products(d1.x, d2.y, d1.y, d2.x);
-        if (det != 0) {
-            s.point.dpdu = (e1 * d2.y - e2 * d1.y) * std::copysign(1.0F, det);
-            s.point.dpdv = (e2 * d1.x - e1 * d2.x) * std::copysign(1.0F, det);
-            s.point.uv_scale = 1 / std::abs(det);
-        }
-    }
-    return s;
-}
-
-SurfaceHit Scene::sphere_surface(const Ray& ray, const RayHit& hit) const {
-    const Sphere& sphere = spheres_[hit.primitive];
-    const Vec3f n = normalize(ray.origin + ray.direction * hit.t - sphere.center);
-    SurfaceHit s;
-    s.material = sphere.material;
-    s.light = sphere_light_[hit.primitive];
-    s.primitive = hit.primitive;
-    // Back onto the sphere: the error no longer grows with the distance travelled.
-    s.point.p = sphere.center + n * sphere.radius;
-    s.error = (abs(sphere.center) + abs(n) * sphere.radius) * gamma_bound<float>(7);
-    s.point.n_g = s.point.n_s = n;
-    const float phi = std::atan2(-n.z, n.x);
-    const float theta = std::atan2(std::sqrt(n.x * n.x + n.z * n.z), n.y);
-    s.point.uv = {phi < 0 ? phi * (0.5F * kInvPi<float>)+1 : phi * (0.5F * kInvPi<float>),
-                  1 - theta * kInvPi<float>};
-    s.point.dpdu = {n.z, 0, -n.x};
-    const float sine = std::sqrt(n.x * n.x + n.z * n.z);
-    if (sine > 0) s.point.dpdv = Vec3f{-n.x * n.y / sine, sine, -n.z * n.y / sine} * 0.5F;
-    s.point.uv_scale = kTwoPi<float> * sphere.radius;
-    return s;
-}
-
 /// Follows a ray out of the scene: a medium that is left without having been entered is one that
 /// the camera stands in. Found from the inside outwards, so stacked in reverse.
 void Scene::find_camera_interior() {
@@ -262,18 +200,6 @@ void Scene::find_camera_interior() {
     Counters ignored;
     for (auto it = inside.rbegin(); it != inside.rend(); ++it)
         camera_interior_.enter(*it, (*materials_)[*it].priority, ignored);
-}
-
-Vec3f offset_origin(Vec3f p, Vec3f error, Vec3f n, Vec3f w) {
-    const float d = dot(abs(n), error);
-    const Vec3f offset = dot(w, n) < 0 ? n * -d : n * d;
-    const auto away = [](float x, float by) {
-        const float y = x + by;
-        if (by > 0) return std::nextafter(y, kInfinity<float>);
-        if (by < 0) return std::nextafter(y, -kInfinity<float>);
-        return y;
-    };
-    return {away(p.x, offset.x), away(p.y, offset.y), away(p.z, offset.z)};
 }
 
 }  // namespace matiere

@@ -7,25 +7,18 @@
 #include <vector>
 
 #include "accel/embree_scene.h"
+#include "base/features.h"
 #include "camera/camera.h"
 #include "light/light.h"
 #include "material/material.h"
 #include "sampling/photon_guide.h"
 #include "scene/description.h"
 #include "scene/interior.h"
+#include "scene/surface_hit.h"
 #include "shape/mesh.h"
 #include "shape/sphere.h"
 
 namespace matiere {
-
-/// A hit with everything a path needs to know about it.
-struct SurfaceHit {
-    SurfacePoint point;
-    Vec3f error;                  ///< absolute bound on the rounding of point.p
-    int material = -1;            ///< -1: emits only
-    int light = -1;               ///< the light that the surface is, if any
-    std::uint32_t primitive = 0;  ///< triangle index
-};
 
 struct SceneStats {
     std::uint64_t triangles = 0, spheres = 0, lights = 0, materials = 0;
@@ -34,10 +27,6 @@ struct SceneStats {
     double build_s = 0, caustic_s = 0;
 };
 
-/// A point just outside the rounding error of `p`, on the side of the surface that `w` leaves to
-/// (Pharr, Jakob, Humphreys 2023, 6.8.6).
-Vec3f offset_origin(Vec3f p, Vec3f error, Vec3f n, Vec3f w);
-
 class Scene {
  public:
     /// Throws SceneError. `threads` is for the build alone (0: all processors).
@@ -45,7 +34,14 @@ class Scene {
 
     RayHit intersect(const Ray& ray) const { return accel_.intersect(ray); }
     bool occluded(const Ray& ray) const { return accel_.occluded(ray); }
-    SurfaceHit surface(const Ray& ray, const RayHit& hit) const;
+    /// The point of a hit; what the features F do not read is left at its default.
+    template <Features F = kEveryFeature>
+    [[gnu::always_inline]] SurfaceHit surface(const Ray& ray, const RayHit& hit) const {
+        if (hit.geometry < meshes_.size())
+            return triangle_surface<F>(*meshes_[hit.geometry], hit.primitive, hit.u, hit.v);
+        return sphere_surface<F>(spheres_[hit.primitive], sphere_light_[hit.primitive],
+                                 hit.primitive, ray.origin + ray.direction * hit.t);
+    }
     /// The material of a hit without the rest.
     int material_of(const RayHit& hit) const;
 
@@ -62,6 +58,8 @@ class Scene {
     const std::vector<Sphere>& spheres() const { return spheres_; }
     /// Where light arrives by way of mirrors and lenses; null where no such light is hard to find.
     const PhotonGuide* caustics() const { return caustics_.empty() ? nullptr : &caustics_; }
+    /// What the kernels of this scene need, and what else it has.
+    Features features() const { return features_; }
     const SceneStats& stats() const { return stats_; }
 
  private:
@@ -69,8 +67,6 @@ class Scene {
     void add_spheres(const std::vector<SphereDescription>& spheres);
     void build_lights(const RenderDescription& description);
     void find_camera_interior();
-    SurfaceHit triangle_surface(const Mesh& mesh, const RayHit& hit) const;
-    SurfaceHit sphere_surface(const Ray& ray, const RayHit& hit) const;
     float bounding_radius() const;
 
     FilmDescription film_;
@@ -85,6 +81,7 @@ class Scene {
     InteriorStack camera_interior_;
     PhotonGuide caustics_;
     bool shadows_walk_ = false;
+    Features features_ = 0;
     SceneStats stats_;
 };
 

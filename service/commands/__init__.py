@@ -5,6 +5,7 @@ A module is imported only when its command is asked for.
 
 COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("render:render", "Render a scene to PNG, JPEG or EXR, with its error."),
+    "replay": ("replay:replay", "Print the path of one sample in words: where a speck comes from."),
     "sweep": ("sweep:sweep", "Render every variant of a sweep and a contact sheet."),
     "check": ("check:check", "Test a material at its exact parameters: the stability report."),
     "compare": ("compare:compare", "Tell how two films differ, and what of it is noise."),
