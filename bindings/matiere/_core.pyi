@@ -42,6 +42,7 @@ class Bsdf:
     def albedo(self, wo: NDArray[Any], n: int = ...) -> NDArray[Any]: ...
 
 class RenderDescription:
+    light_tree: bool
     def __init__(self) -> None: ...
     def set_film(
         self,
@@ -137,7 +138,7 @@ class Settings:
         strategy: str = ...,
         transparent_background: bool = ...,
         guide_caustics: bool = ...,
-        kernel: str = ...
+        kernel: str = ...,
     ) -> None: ...
     @property
     def seed(self) -> int: ...

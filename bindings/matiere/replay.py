@@ -65,17 +65,17 @@ def replay(
     """
     from matiere import _core
 
-    if seed is not None:
-        scene = scene.with_render(seed=_whole("seed", seed, 2**53))
+    asked = scene if seed is None else scene.with_render(seed=_whole("seed", seed, 2**53))
     film = scene.model.film
     x = _whole("pixel x", pixel[0], film.width)
     y = _whole("pixel y", pixel[1], film.height)
     of = chunks.plan(scene.model)
     replicate = _whole("replicate", replicate, of.replicates)
     sample = _whole("sample", sample, _core.MAX_SPP)
-    settings = chunks.settings(scene.model)
+    settings = chunks.settings(asked.model)
     record = _core.replay(scene.build(threads), settings, x, y, replicate, sample)
-    return Replay(_named(record, scene, (x, y, replicate, sample)))
+    which = {"pixel": [x, y], "replicate": replicate, "sample": sample, "seed": settings.seed}
+    return Replay({**which, **_named(record, scene)})
 
 
 def _whole(name: str, value: Any, end: int) -> int:
@@ -90,27 +90,23 @@ def _whole(name: str, value: Any, end: int) -> int:
     return number
 
 
-def _named(
-    record: dict[str, Any], scene: Scene, sample: tuple[int, int, int, int]
-) -> dict[str, Any]:
-    """Add what the core does not know: which sample it was, and materials by name."""
+def _named(record: dict[str, Any], scene: Scene) -> dict[str, Any]:
+    """Put in what the core does not know: materials by name, and where its origin lies."""
     materials = list(scene.model.materials.items())
 
     def name(index: int | None) -> str | None:
         return None if index is None else materials[index][0]
 
+    def place(point: list[float]) -> list[float]:
+        return [a + b for a, b in zip(point, scene.center, strict=True)]
+
+    record["origin"] = place(record["origin"])
     for vertex in record["vertices"]:
+        vertex["position"] = place(vertex["position"])
         index = vertex["material"]
         vertex["model"] = None if index is None else materials[index][1].type
         vertex["material"], vertex["medium"] = name(index), name(vertex["medium"])
-    x, y, replicate, index = sample
-    return {
-        "pixel": [x, y],
-        "replicate": replicate,
-        "sample": index,
-        "seed": scene.model.render.seed,
-        **record,
-    }
+    return record
 
 
 def _text(path: Mapping[str, Any]) -> str:

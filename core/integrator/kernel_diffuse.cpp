@@ -3,7 +3,12 @@
 
 namespace matiere {
 
-template PathResult sample_path<kDiffuseKernel>(const Scene&, const PathSettings&, const SampleId&,
-                                                Counters&);
+/// The whole path in one function: what it carries stays in registers.
+template <>
+[[gnu::flatten]] PathResult sample_path<kDiffuseKernel>(const Scene& scene,
+                                                        const PathSettings& settings,
+                                                        const SampleId& id, Counters& counters) {
+    return trace_path<kDiffuseKernel>(scene, settings, id, counters, {});
+}
 
 }  // namespace matiere

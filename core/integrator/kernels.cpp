@@ -11,6 +11,9 @@ namespace matiere {
 template <Features F>
 PathResult sample_path(const Scene& scene, const PathSettings& settings, const SampleId& id,
                        Counters& counters);
+template <>
+PathResult sample_path<kDiffuseKernel>(const Scene& scene, const PathSettings& settings,
+                                       const SampleId& id, Counters& counters);
 
 namespace {
 

@@ -10,12 +10,14 @@ import pytest
 import matiere as mt
 
 PUBLIC = {
-    "AssetChanged", "Bsdf", "BsdfSample", "Cancelled", "ColourError", "Film", "FilmError",
+    "AssetChanged", "Bsdf", "BsdfSample", "Cancelled", "ColourError", "Comparison", "Film",
+    "FilmError",
     "ImageError", "Lobe", "MatiereError",
-    "MemoryLimitError", "ProbeError", "RenderError", "Scene", "SceneModel", "SceneValidationError",
-    "__version__", "bsdf", "check", "chunks", "develop", "errors", "film_key", "info",
+    "MemoryLimitError", "ProbeError", "RenderError", "Replay", "Scene", "SceneModel",
+    "SceneValidationError",
+    "__version__", "bsdf", "check", "chunks", "compare", "develop", "errors", "film_key", "info",
     "load", "load_film", "loads", "materials", "metals", "read_image",
-    "render", "schema", "write_image",
+    "render", "replay", "schema", "write_image",
 }  # fmt: skip
 
 

@@ -30,6 +30,7 @@ class Scene:
         self._lock = threading.Lock()
         self._built: _core.Scene | None = None
         self._notes: tuple[dict[str, Any], ...] = ()
+        self._center = (0.0, 0.0, 0.0)
 
     def __repr__(self) -> str:
         film = self.model.film
@@ -81,11 +82,16 @@ class Scene:
         """What was put right while reading the files: `pointer`, `code`, `message`, `count`."""
         return self._notes
 
+    @property
+    def center(self) -> tuple[float, float, float]:
+        """The point that the core renders as its origin, m; (0, 0, 0) until the scene is built."""
+        return self._center
+
     def _flatten(self) -> Flattened:
         from matiere.scene.flatten import flatten
 
         flattened = flatten(self.model, self._root)
-        self._notes = flattened.notes
+        self._notes, self._center = flattened.notes, flattened.center
         return flattened
 
     def build(self, threads: int = 0) -> _core.Scene:
