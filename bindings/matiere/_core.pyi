@@ -42,8 +42,9 @@ class Bsdf:
     def albedo(self, wo: NDArray[Any], n: int = ...) -> NDArray[Any]: ...
 
 class RenderDescription:
-    light_tree: bool
     def __init__(self) -> None: ...
+    @property
+    def light_tree(self) -> bool: ...
     def set_film(
         self,
         width: int,

@@ -31,7 +31,7 @@ def real() -> dict[str, Any]:
 
 
 def arguments_of_stub(node: ast.FunctionDef) -> list[str]:
-    names = [a.arg for a in node.args.args]
+    names = [a.arg for a in (*node.args.args, *node.args.kwonlyargs)]
     return names[1:] if names[:1] == ["self"] else names
 
 
@@ -49,7 +49,8 @@ def arguments_of_real(function: Any) -> list[str] | None:
             current = ""
         else:
             current += letter
-    names = [p.split(":")[0].split("=")[0].strip() for p in [*parts, current] if p.strip()]
+    given = [p.strip() for p in [*parts, current] if p.strip() not in ("", "*")]
+    names = [p.split(":")[0].split("=")[0].strip() for p in given]
     return names[1:] if names[:1] == ["self"] else names
 
 
