@@ -304,4 +304,5 @@ def _caption(cell: Mapping[str, Any]) -> str:
         error = f"relMSE {cell['relmse']:.2g}"
         if cell["interval"]:
             error += f" ({cell['interval'][0]:.2g} to {cell['interval'][1]:.2g})"
-    return f"{error}\n{cell['spp']} spp, {cell['seconds']:.2g} s"
+    seconds = cell["seconds"]
+    return f"{error}\n{cell['spp']} spp, {seconds:.{1 if seconds < 10 else 0}f} s"
