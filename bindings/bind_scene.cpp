@@ -190,9 +190,7 @@ void bind_description(py::module_& m) {
             py::arg("direction"), py::arg("irradiance"))
         .def("set_environment", &set_environment, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
-        .def(
-            "set_light_tree", [](RenderDescription& d, bool on) { d.light_tree = on; },
-            py::arg("on"))
+        .def_readwrite("light_tree", &RenderDescription::light_tree)
         .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
 }
 

@@ -39,7 +39,7 @@ def lamps(kind: str, tree: bool = True, seed: int = 3) -> Any:
         else:
             p = np.array([x, y, z]) + 0.1 * rng.normal(size=(4, 3))
             d.add_mesh(np.float32(p), np.uint32([[0, 1, 2], [0, 2, 3]]), material=both)
-    d.set_light_tree(tree)
+    d.light_tree = tree
     return _core.Scene(d, 2)
 
 

@@ -51,7 +51,7 @@ class Road:
     def __init__(self, document: dict[str, Any], road: str) -> None:
         strategy, tree, guide = ROADS[road]
         description = mt.load(document)._flatten().description  # the tree has no public switch
-        description.set_light_tree(tree)
+        description.light_tree = tree
         self._scene = _core.Scene(description, 2)
         self._settings = lambda seed: _core.Settings(seed, -1, strategy, guide_caustics=guide)
         self._films: dict[int, _core.Film] = {}
