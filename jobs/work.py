@@ -236,8 +236,7 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
     from matiere.scene.load import load
 
     job = request["job"]
-    stop = {key: value for key, value in job["stop"].items() if value is not None}
-    render = {**request["scene"].get("render", {}), **stop, "replicates": request["replicates"]}
+    render = {**request["scene"].get("render", {}), "replicates": request["replicates"]}
     document = {**request["scene"], "render": render, "output": request["output"]}
     assets = request["assets"]
     scene = load(document, asset_root=assets["root"], pins=assets["pins"])

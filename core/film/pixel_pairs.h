@@ -46,20 +46,29 @@ class PixelPairs {
 
     void set(const FilmRows& rows, const WindowPyramid& windows, Vec2<int> at, double floor) {
         const int level = choose_level(rows, windows, at, floor);
-        std::array<Scale, kC> scales;
+        std::array<Scale, kC> scales, near;
         for (std::size_t c = 0; c < kC; ++c) scales[c] = local_scale(rows, windows, at, c, level);
+        for (std::size_t c = 0; c < kC && level >= 0; ++c)
+            near[c] = local_scale(rows, windows, at, c, -1);
         // A larger window has less noise, which more of the 5 x 5 blocks share.
-        const double shared = level < 0 ? 1.0 : WindowPyramid::side(level) / kSmoothSide;
+        const double wide = level < 0 ? 1.0 : WindowPyramid::side(level) / kSmoothSide;
         for (Pair& p : pairs_) {
             p.scale_noise = 0.0;
             for (std::size_t c = 0; c < kC; ++c) {
                 const double a = rows.replicate(p.i, at.x)[c], b = rows.replicate(p.j, at.x)[c];
                 p.difference[c] = a - b;
-                const double s = scales[c].without_pair(a + b, replicates_);
+                double s = scales[c].without_pair(a + b, replicates_);
+                double variance = scales[c].variance, shared = wide;
+                const double least = level < 0 ? s : near[c].least_without(a + b, replicates_);
+                if (least > s) {
+                    s = least;
+                    variance = near[c].variance;
+                    shared = 1.0;
+                }
                 p.weight[c] = reciprocal_scale(s, scales[c].others_variance, floor);
                 p.root_weight[c] = std::sqrt(p.weight[c]);
                 p.scale_noise += p.weight[c] * sqr(p.difference[c]) * 2.0 * std::abs(s) *
-                                 p.weight[c] * std::sqrt(scales[c].variance) * shared;
+                                 p.weight[c] * std::sqrt(variance) * shared;
             }
         }
     }
@@ -104,6 +113,12 @@ class PixelPairs {
             const double r = replicates;
             if (replicates > 2) return smooth + ((r * own - pair_sum) / (r - 2.0) - own) / n;
             return without_pixel();
+        }
+        /// A standard deviation below that: what the 5 x 5 pixels vouch for where a larger window
+        /// is taken. One hit alone vouches for nothing, a small lamp in the dark does: it must not
+        /// be measured against a window that hardly sees it.
+        double least_without(double pair_sum, int replicates) const {
+            return without_pair(pair_sum, replicates) - std::sqrt(others_variance);
         }
         double without_pixel() const { return n > 1.0 ? (n * smooth - own) / (n - 1.0) : smooth; }
     };

@@ -124,7 +124,7 @@ def test_what_despeckling_takes_away_counts_as_an_error() -> None:
     film = mt.render(mt.load(scenes(SIZE)["glass"]), spp=32)
     view = target.view_of(mt.load(scenes(SIZE)["glass"]).model)
     plain, held = (
-        display_error(film.core, {"code_values": 8, "pixels_percent": 50.0,
+        display_error(film.core, {"code_values": 60, "pixels_percent": 50.0,
                                   "through": view | {"despeckle": on}})
         for on in (False, True)
     )  # fmt: skip
