@@ -85,13 +85,38 @@ py::array_t<float> sample_filter(const Filter& filter,
     return offsets;
 }
 
+/// Positions `done` and on in the order of an adaptive film, at most `most` of them unless the next
+/// round has more; `ends` holds [samples per pixel, position] of the rounds among them, the last
+/// one that is complete first.
+py::dict film_course(const Film& film, std::size_t most) {
+    if (!film.adaptive()) throw py::value_error("only an adaptive film of one seed has a course");
+    const AdaptiveState& state = *film.adaptive();
+    const Allocation& allocation = state.allocation();
+    const std::uint64_t rounds = state.rounds();
+    const std::size_t start = state.done();
+    const std::size_t least = allocation.round_end(rounds + 1);
+    const std::size_t stop = std::max(least, std::min(start + most, allocation.order().size()));
+    py::list ends;
+    for (std::uint64_t k = rounds; k <= allocation.rounds(stop); ++k)
+        ends.append(py::make_tuple(film.plan().boundary(k), allocation.round_end(k)));
+    const auto order = allocation.order().subspan(start, stop - start);
+    py::dict d;
+    d["start"] = start;
+    d["order"] = py::cast(std::vector<std::uint32_t>(order.begin(), order.end()));
+    d["ends"] = ends;
+    return d;
+}
+
 void bind_plan(py::module_& m) {
     py::class_<Plan>(m, "Plan", "The chunk plan of a film: a function of size and replicates.")
-        .def(py::init<int, int, int>(), py::arg("width"), py::arg("height"), py::arg("replicates"))
+        .def(py::init<int, int, int, bool>(), py::arg("width"), py::arg("height"),
+             py::arg("replicates"), py::arg("adaptive") = false)
         .def_property_readonly("width", &Plan::width)
         .def_property_readonly("height", &Plan::height)
         .def_property_readonly("replicates", &Plan::replicates)
+        .def_property_readonly("adaptive", &Plan::adaptive)
         .def_property_readonly("tiles", &Plan::tiles)
+        .def_property_readonly("strips", &Plan::strips, "Tiles, or tiles x halves if adaptive.")
         .def_property_readonly("tile_edge", &Plan::tile_edge)
         .def_property_readonly("version", [](const Plan&) { return Plan::kVersion; })
         .def("boundary", &Plan::boundary, py::arg("k"), "Samples per pixel after k ranges.")
@@ -114,6 +139,8 @@ void bind_plan(py::module_& m) {
                 d["y1"] = c.y1;
                 d["s0"] = c.s0;
                 d["s1"] = c.s1;
+                d["r0"] = c.r0;
+                d["r1"] = c.r1;
                 return d;
             },
             py::arg("index"));
@@ -131,7 +158,7 @@ void bind_chunk_film(py::module_& m) {
                                [](const py::object& self) {
                                    const auto& c = self.cast<const ChunkFilm&>();
                                    return view(c.sums(),
-                                               {c.plan().replicates(), c.chunk().height(),
+                                               {c.chunk().replicates(), c.chunk().height(),
                                                 c.chunk().width(), kFilmChannels},
                                                self);
                                })
@@ -145,7 +172,8 @@ py::list tile_dicts(const Film& film, int edge);
 
 void bind_film_class(py::module_& m) {
     py::class_<Film>(m, "Film", "Replicate sums of an image, folded chunk by chunk in double.")
-        .def(py::init<int, int, int>(), py::arg("width"), py::arg("height"), py::arg("replicates"))
+        .def(py::init<int, int, int, bool>(), py::arg("width"), py::arg("height"),
+             py::arg("replicates"), py::arg("adaptive") = false)
         .def_property_readonly("width", &Film::width)
         .def_property_readonly("height", &Film::height)
         .def_property_readonly("replicates", &Film::replicates)
@@ -168,7 +196,19 @@ void bind_film_class(py::module_& m) {
                                    const auto& f = self.cast<const Film&>();
                                    return view(f.counts(), {f.height(), f.width()}, self);
                                })
-        .def("next_chunk", &Film::next_chunk, py::arg("tile"))
+        .def_property_readonly(
+            "first_counts",
+            [](const py::object& self) -> py::object {
+                const auto& f = self.cast<const Film&>();
+                if (f.first_counts().empty()) return py::none();
+                return view(f.first_counts(), {f.height(), f.width()}, self);
+            },
+            "Samples in the first half of the replicates; None unless the plan is adaptive.")
+        .def("course", &film_course, py::arg("most"),
+             "Of an adaptive film: done, the next chunks by position, and where rounds end.")
+        .def("next_chunk", &Film::next_chunk, py::arg("strip"))
+        .def("missing", &Film::missing, py::arg("spp"),
+             "Chunks to add next on the way to spp: all, or those that are decided.")
         .def("add", &Film::add, py::arg("chunk"), py::call_guard<py::gil_scoped_release>())
         .def("merge", &Film::merge, py::arg("other"), py::call_guard<py::gil_scoped_release>())
         .def("copy", [](const Film& film) { return Film(film); })
@@ -191,7 +231,8 @@ void bind_film_class(py::module_& m) {
         .def_static(
             "from_bytes", [](const py::bytes& b) { return Film::from_bytes(as_span(b)); },
             py::arg("data"))
-        .def_static("bytes_per_pixel", &Film::bytes_per_pixel, py::arg("replicates"));
+        .def_static("bytes_per_pixel", &Film::bytes_per_pixel, py::arg("replicates"),
+                    py::arg("adaptive") = false);
 }
 
 }  // namespace

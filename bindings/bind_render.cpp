@@ -161,10 +161,10 @@ py::dict run_loop(const ChunkFunction& chunk, Film& film, const py::dict& stop_d
 
 py::dict render_synthetic(Film& film, const std::string& kind, const py::dict& stop, double spread,
                           std::uint64_t seed, int threads, const py::object& callback,
-                          const std::shared_ptr<CancelToken>& cancel) {
+                          const std::shared_ptr<CancelToken>& cancel, std::uint32_t repeat_after) {
     const auto parsed = synthetic_kind(kind);
     if (!parsed) throw py::value_error("unknown synthetic integrand " + kind);
-    const Synthetic sampler{*parsed, seed, spread};
+    const Synthetic sampler{*parsed, seed, spread, repeat_after};
     const Plan plan = film.plan();
     const ChunkFunction chunk = [&](std::uint32_t index, const CancelToken& token) {
         return fill_chunk(plan, index, {{}, sampler.seed, 0, 0}, token, sampler);
@@ -271,7 +271,7 @@ void bind_render(py::module_& m) {
     m.def("render_synthetic", &render_synthetic, py::arg("film"), py::arg("kind"), py::arg("stop"),
           py::arg("spread") = 1.0, py::arg("seed") = 0, py::arg("threads") = 0,
           py::arg("callback") = py::none(), py::arg("cancel") = nullptr,
-          "The pass loop on an integrand of known mean: tests only.");
+          py::arg("repeat_after") = 0, "The pass loop on an integrand of known mean: tests only.");
     m.def("synthetic_mean", py::vectorize(&Synthetic::mean), py::arg("x"), py::arg("y"));
     m.def("next_step", &next_step_dict, py::arg("plan"), py::arg("stop"), py::arg("state"),
           "The stop rule: go_on, next_spp, reason, look (due at this spp), seconds_left.");

@@ -464,7 +464,8 @@ class Engine:
     def _begun(self, work: Any) -> JsonDict:
         begun = self._db.read(films.begun_films)
         missing = sum(
-            work.plan(*size).chunk_count(cap) - merged - done for size, cap, merged, done in begun
+            max(work.plan(*size).chunk_count(cap) - merged - done, 0)
+            for size, cap, merged, done in begun
         )
         return {"films_begun": len(begun), "chunks_missing": missing}
 

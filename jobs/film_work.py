@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from matiere.jobs.course import AdaptiveCourse, Course, is_adaptive
 from matiere.jobs.job import JsonDict
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import FilmRow
@@ -29,7 +30,13 @@ class FilmWork:
         """Take over the stored state."""
         self.row = row
         self.id, self.key = row.id, row.film_key
-        self.plan = work.plan(row.width, row.height, row.replicates)
+        self.adaptive = is_adaptive(row.scene)
+        self.plan = work.plan(row.width, row.height, row.replicates, self.adaptive)
+        self.course = (
+            AdaptiveCourse(self.plan, row.prefix_chunks, row.prefix_spp)
+            if self.adaptive
+            else Course(self.plan)
+        )
         self._work = work
         self.jobs = row.jobs
         self.prefix, self.prefix_chunks = row.prefix, row.prefix_chunks
@@ -54,7 +61,7 @@ class FilmWork:
     @property
     def prefix_spp(self) -> int:
         """Merged samples per pixel."""
-        return int(self.plan.boundary(self.prefix_chunks // self.plan.tiles))
+        return self.course.spp(self.prefix_chunks)
 
     @property
     def pixels(self) -> int:
@@ -63,21 +70,22 @@ class FilmWork:
 
     def samples(self, index: int) -> int:
         """Samples of one chunk."""
-        c = self.plan.chunk(index)
-        return int((c["x1"] - c["x0"]) * (c["y1"] - c["y0"]) * (c["s1"] - c["s0"]))
+        return self.course.samples(index)
 
     def ready_chunks(self) -> int:
-        """Plan index up to which every chunk is merged or done, cut down to a whole range."""
+        """Position up to which every chunk is merged or done, cut down to a whole round."""
         end = self.prefix_chunks
         while end in self.done:
             end += 1
-        return end - end % int(self.plan.tiles)
+        return self.course.whole(end)
 
     # -- handing out --------------------------------------------------------------------------
     def horizon(self) -> int:
-        """Plan index below which chunks are wanted now."""
+        """Position below which chunks are wanted now."""
         spp = max((self._wanted_spp(job.stop, job.spp_cap) for job in self.jobs), default=0)
-        return int(self.plan.chunk_count(spp)) if spp else 0
+        if self.jobs and not self.course.ends_round(self.prefix_chunks):
+            spp = max(spp, int(self.plan.round_up(self.prefix_spp + 1)))
+        return self.course.end(spp)
 
     def _wanted_spp(self, stop: JsonDict, cap: int) -> int:
         following = int(self.plan.round_up(self.prefix_spp + 1))
@@ -146,11 +154,15 @@ class FilmWork:
             return False
         if self.prefix_chunks and any(job.id not in self.evaluated for job in self.jobs):
             return True
+        if not self.course.told:
+            return True
         ready = self.ready_chunks()
         if ready <= self.prefix_chunks:
             return False
-        spp = int(self.plan.boundary(ready // self.plan.tiles))
-        if any(self._may_end(job.stop, job.spp_cap, spp) for job in self.jobs):
+        spp = self.course.spp(ready)
+        if self.course.waits(ready) or any(
+            self._may_end(job.stop, job.spp_cap, spp) for job in self.jobs
+        ):
             return True
         waiting = sum(blob.size for blob in self.files.values())
         size = self.pixels * self.row.replicates * BYTES_PER_SAMPLE_SUM
@@ -171,6 +183,7 @@ class FilmWork:
             "width": self.row.width,
             "height": self.row.height,
             "replicates": self.row.replicates,
+            "adaptive": self.adaptive,
             "prefix": self.prefix.digest if self.prefix else None,
             "files": [
                 {"digest": self.files[token].digest, "chunks": chunks}
@@ -187,11 +200,15 @@ class FilmWork:
             ],
         }
 
-    def adopt(self, prefix: Blob | None, chunks: int, seen: Sequence[str]) -> None:
+    def adopt(
+        self, prefix: Blob | None, chunks: int, seen: Sequence[str], course: JsonDict | None = None
+    ) -> None:
         """Record a committed merge that applied the stop rules of the jobs `seen`."""
         self.merging = False
         self.merged_at = time.monotonic()
         self.evaluated |= set(seen)
+        if chunks == self.prefix_chunks or prefix is not None:
+            self.course.tell(course)
         if prefix is None:
             return
         self.prefix, self.prefix_chunks = prefix, chunks

@@ -1,6 +1,6 @@
 """Fold chunk files into a film's prefix and apply the stop rules (utility child).
 
-The fold follows the plan's order in double, so the prefix at a given spp has the same bits however
+The fold follows the film's course in double, so the prefix at a given spp has the same bits however
 the chunks were grouped, whoever rendered them and however often somebody was killed. Merging ends
 at the first boundary where a job's stop rule fires: that job gets exactly this film.
 """
@@ -11,7 +11,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from matiere.jobs.artifacts import ArtifactFolder, pack, unpack
+from matiere.jobs.course import AdaptiveCourse, Course
 from matiere.jobs.job import JsonDict
+
+COURSE = 16384  # chunks of an adaptive film that are told in advance
 
 
 class ChunkSource:
@@ -46,7 +49,9 @@ class Prefix:
 
     def __init__(self, work: Any, request: JsonDict, folder: ArtifactFolder) -> None:
         """Open the stored prefix of the request, or an empty film."""
-        self.plan = work.plan(request["width"], request["height"], request["replicates"])
+        adaptive = request.get("adaptive", False)
+        size = request["width"], request["height"], request["replicates"]
+        self.plan = work.plan(*size, adaptive)
         self.chunks, self.seconds, self.log = 0, 0.0, list[JsonDict]()
         stored: memoryview | None = None
         if request["prefix"] is not None:
@@ -54,22 +59,33 @@ class Prefix:
             self.chunks, self.seconds = header["chunks"], header["seconds"]
             self.log, stored = header["log"], records[0]
         self.fold = work.open_fold(self.plan, stored)
+        self.course = AdaptiveCourse(self.plan, self.chunks, 0) if adaptive else Course(self.plan)
+        self.decided()
 
     @property
     def spp(self) -> int:
         """Samples per pixel merged so far."""
-        return int(self.plan.boundary(self.chunks // self.plan.tiles))
+        return self.course.spp(self.chunks)
+
+    def decided(self) -> JsonDict | None:
+        """Take over what the film has decided about its next chunks, and return it."""
+        if not isinstance(self.course, AdaptiveCourse):
+            return None
+        self.course.tell(self.fold.course(COURSE))
+        return self.course.news
 
     def advance(self, source: ChunkSource) -> bool:
-        """Fold in the next whole range, if all its chunks are there."""
-        wanted = range(self.chunks, self.chunks + self.plan.tiles)
-        if not all(index in source for index in wanted):
+        """Fold in the next whole round, if all its chunks are there."""
+        wanted = range(self.chunks, self.course.following(self.chunks))
+        if not wanted or not all(index in source for index in wanted):
             return False
         for index in wanted:
             data, seconds = source.take(index)
             self.fold.add(data)
             self.seconds += seconds
-        self.chunks += self.plan.tiles
+        self.chunks = wanted.stop
+        if self.course.waits(self.chunks):
+            self.decided()
         return True
 
     def look(self) -> JsonDict:
@@ -98,7 +114,8 @@ def merge(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
 
     `request`: width, height, replicates, prefix (digest or None), files, jobs (`id`, `stop`,
     `spp_cap`, `fresh`: not looked at yet). The answer holds digest and size of the new prefix
-    (None when nothing was merged), chunks, facts, and `ended` jobs with reason.
+    (None when nothing was merged), chunks, facts, `ended` jobs with reason, and the `course` that
+    an adaptive film has decided on.
     """
     prefix = Prefix(work, request, folder)
     start = prefix.chunks
@@ -116,12 +133,13 @@ def merge(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
     facts = _facts(prefix)
     for job in ended:
         job |= facts
-    return {"digest": digest, "size": size, "chunks": prefix.chunks, "facts": facts, "ended": ended}
+    return {"digest": digest, "size": size, "chunks": prefix.chunks, "facts": facts, "ended": ended,
+            "course": prefix.decided()}  # fmt: skip
 
 
 def _ended(work: Any, prefix: Prefix, jobs: Sequence[JsonDict]) -> list[JsonDict]:
-    found = []
-    for job in jobs:
+    found = list[JsonDict]()
+    for job in jobs if prefix.course.ends_round(prefix.chunks) else ():
         newest = prefix.log[-1] if prefix.log else None
         if job["fresh"] and job["stop"].get("target_error"):
             newest = prefix.look()

@@ -33,7 +33,8 @@ class Renderer:
             data = scene.render_chunk(index, flag)
             return None if data is None else (data, time.monotonic() - begin)
 
-        results = list(self._pool.map(one, request["chunks"]))
+        indices: list[int] = request.get("indices") or request["chunks"]
+        results = list(self._pool.map(one, indices))
         done = [result for result in results if result is not None]
         if len(done) < len(results):
             return None

@@ -499,7 +499,8 @@ class Scheduler(threading.Thread):
             child.seen.popitem(last=False)
         row = film.row
         child.send("render", token=token, film_key=film.key, scene=row.scene, assets=row.assets,
-                   replicates=row.replicates, chunks=chunks)  # fmt: skip
+                   replicates=row.replicates, chunks=chunks,
+                   indices=[film.course.chunk(position) for position in chunks])  # fmt: skip
 
     def _claim_seconds(self, film: FilmWork) -> float:
         """Return the aimed length of a claim: shorter where a time limit is near."""

@@ -270,7 +270,8 @@ class UtilityQueue:
         )
         accepted = s.db.write(lambda c: films.commit_merge(c, merged))
         if film is not None:
-            film.adopt(prefix if accepted else None, body["chunks"], task.seen)
+            told = body.get("course") if accepted else None
+            film.adopt(prefix if accepted else None, body["chunks"], task.seen, told)
         s.health.counters["merges"] += 1
         s.garbage()
         if body["ended"]:

@@ -29,11 +29,11 @@ INTERVAL = "95 %"
 
 
 # -- submission (in the service) ----------------------------------------------------------------
-def plan(width: int, height: int, replicates: int) -> _core.Plan:
+def plan(width: int, height: int, replicates: int, adaptive: bool = False) -> _core.Plan:
     """Return the chunk plan of a film."""
     from matiere import _core
 
-    return _core.Plan(width, height, replicates)
+    return _core.Plan(width, height, replicates, adaptive)
 
 
 def asset_folder(root: Path, pins: Mapping[str, str]) -> AssetRoot:
@@ -175,6 +175,10 @@ class Fold:
         """Add to a row of the log what a display target needs."""
         return chunks.measured(self._film, stop, row)
 
+    def course(self, most: int) -> JsonDict:
+        """Return what an adaptive film has decided about its next chunks."""
+        return self._film.course(most)
+
     def to_bytes(self) -> bytes:
         """Return the film as it is stored."""
         return self._film.to_bytes()
@@ -205,7 +209,6 @@ def stop_reason(
 # -- images (in the utility child) --------------------------------------------------------------
 def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
-    import numpy as np
 
     from matiere.report import picture_report
 
@@ -214,11 +217,10 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     depths = output.get("bit_depth", {})
     shown = ("config", "display", "view", "exposure", "despeckle")
     view = {key: output[key] for key in shown if key in output}
-    job, counts = request["job"], film.sample_counts
+    job = request["job"]
     report = film.report | {
         "job": job,
         "assets": request["assets"]["pins"],
-        "samples_per_pixel": [int(np.min(counts)), int(np.max(counts))],
         "chunks_rendered": request["chunks_rendered"],
         "reports_superseded": request["reports_superseded"],
         "picture": picture_report(film, bool(output.get("despeckle"))),
@@ -240,7 +242,7 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
     document = {**request["scene"], "render": render, "output": request["output"]}
     assets = request["assets"]
     scene = load(document, asset_root=assets["root"], pins=assets["pins"])
-    of = plan(request["width"], request["height"], request["replicates"])
+    of = chunks.plan(scene.model)
     info = replace(
         FilmInfo.of_scene(scene),
         log=tuple(header["log"]),

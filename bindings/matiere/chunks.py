@@ -6,7 +6,8 @@
         parts[index] = mt.chunks.render_chunk(scene, index)
     mt.chunks.merge_prefix(film, parts)                  # in plan order: always the same bits
 
-Plan, fold and stop rule are those of the core, the very ones that `mt.render` loops over.
+Plan, fold and stop rule are those of the core, the very ones that `mt.render` loops over. The
+chunks of an adaptive scene are decided on the way: ask `film.missing(spp)` until it is empty.
 """
 
 from __future__ import annotations
@@ -34,11 +35,12 @@ def size(model: SceneModel) -> tuple[int, int]:
 
 
 def plan(model: SceneModel) -> _core.Plan:
-    """Return the chunk plan of a scene: a function of film size and replicates alone."""
+    """Return the chunk plan of a scene: a function of film size, replicates and `adaptive`."""
     from matiere import _core
 
     width, height = size(model)
-    return _core.Plan(width, height, model.render.replicates or _core.DEFAULT_REPLICATES)
+    replicates = model.render.replicates or _core.DEFAULT_REPLICATES
+    return _core.Plan(width, height, replicates, model.render.adaptive)
 
 
 def settings(model: SceneModel, strategy: str = "mis") -> _core.Settings:
@@ -72,7 +74,7 @@ def new_film(of: _core.Plan) -> _core.Film:
     """Return an empty film for a plan."""
     from matiere import _core
 
-    return _core.Film(of.width, of.height, of.replicates)
+    return _core.Film(of.width, of.height, of.replicates, of.adaptive)
 
 
 def open_film(data: bytes | None, of: _core.Plan) -> _core.Film:
@@ -85,8 +87,9 @@ def open_film(data: bytes | None, of: _core.Plan) -> _core.Film:
         film = _core.Film.from_bytes(data)
     except _core.SceneError as error:
         raise FilmError(str(error), code=error.code) from None
-    if (film.width, film.height, film.replicates) != (of.width, of.height, of.replicates):
-        raise FilmError("the film has another size or replicate count than its plan")
+    mine, wanted = ((p.width, p.height, p.replicates, p.adaptive) for p in (film.plan, of))
+    if mine != wanted:
+        raise FilmError("the film has another size, replicate count or `adaptive` than its plan")
     return film
 
 
@@ -121,12 +124,12 @@ def add(film: _core.Film, data: bytes) -> None:
 def merge_prefix(film: _core.Film, parts: Mapping[int, bytes]) -> int:
     """Fold every chunk into `film` that follows it without a gap; return the film's spp.
 
-    Whole sample ranges only: the film has the same spp in every pixel before and after.
+    Whole sample ranges only, of an adaptive film as far as they are decided: before and after, the
+    film is the one that `mt.render` has between two passes.
     """
     of = film.plan
     while True:
-        first = of.ranges(film.spp) * of.tiles
-        wanted = range(first, first + of.tiles)
+        wanted = film.missing(of.round_up(film.spp + 1))
         if not all(index in parts for index in wanted):
             return film.spp
         for index in wanted:

@@ -31,6 +31,7 @@ class FilmInfo:
     scene_digest: str
     seeds: tuple[int, ...]
     max_depth: int | None = None
+    adaptive: bool = False
     transparent: bool = False
     materials: tuple[str, ...] = ()  # names by index
     log: tuple[Mapping[str, Any], ...] = ()
@@ -54,6 +55,7 @@ class FilmInfo:
             scene_digest=scene.digest,
             seeds=(render.seed,),
             max_depth=render.max_depth,
+            adaptive=render.adaptive,
             transparent=scene.model.background == "transparent",
             materials=tuple(scene.model.materials),
             versions=fingerprint(),
@@ -90,8 +92,13 @@ class Film:
 
     @property
     def spp(self) -> int:
-        """Samples per pixel."""
+        """Samples per pixel; of an adaptive film their mean, see `sample_counts`."""
         return self._core.spp
+
+    @property
+    def adaptive(self) -> bool:
+        """True if the noise of the samples decided how many a tile got: docs/adaptive.md."""
+        return self._core.plan.adaptive
 
     @property
     def replicates(self) -> int:
@@ -269,6 +276,8 @@ def why_different(a: FilmInfo, b: FilmInfo) -> str:
     ]
     if changed:
         return "the films were made by different engines (" + "; ".join(changed) + ")"
+    if a.adaptive != b.adaptive:
+        return "one film was sampled adaptively and the other was not"
     if a.max_depth != b.max_depth:
         return f"max_depth is {a.max_depth} in one film and {b.max_depth} in the other"
     return (

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from matiere import chunks, target
 from matiere.errors import Cancelled, FilmError, MemoryLimitError, RenderError
 from matiere.film import Film, FilmInfo, why_different
+from matiere.scene.model import HALVES, halves_well
 
 if TYPE_CHECKING:
     from matiere import _core
@@ -37,6 +38,7 @@ def render(
     callback: Callback | None = None,
     memory_limit: int | None = None,
     replicates: int | None = None,
+    adaptive: bool | None = None,
     cancel: _core.CancelToken | None = None,
 ) -> Film:
     """Render a scene to a film, or continue `film` to the bits of one long render.
@@ -48,7 +50,8 @@ def render(
     the three is given here the scene's own stop rule is ignored; with `seconds` or `target_error`
     alone, spp is capped at 2^20. `report["reason"]` names what ended the render.
 
-    `seed`, `max_depth` (None = no limit) and `replicates` default to the film's, else the scene's.
+    `seed`, `max_depth` (None = no limit), `replicates` and `adaptive` default to the film's, else
+    the scene's. With `adaptive` tiles get samples by their noise; spp is their mean.
     `threads` = 0 takes every usable core; the pixels do not depend on it. `callback(progress)` is
     called once per pass with `spp`, `spp_limit`, `elapsed_s`, `seconds_left`, `error_spp`, `error`;
     if it returns False the render ends, if it raises, the exception passes through. `memory_limit`
@@ -60,7 +63,7 @@ def render(
     """
     from matiere import _core
 
-    asked = _with_settings(scene, film, seed, max_depth, replicates)
+    asked = _with_settings(scene, film, seed, max_depth, replicates, adaptive)
     stop = _stop_rule(asked, spp, seconds, target_error)
     info = FilmInfo.of_scene(asked)
     if film is not None:
@@ -97,7 +100,7 @@ def film_bytes(scene: Scene) -> dict[str, int]:
     from matiere import _core
 
     of = chunks.plan(scene.model)
-    each = _core.Film.bytes_per_pixel(of.replicates)
+    each = _core.Film.bytes_per_pixel(of.replicates, of.adaptive)
     return {"bytes_per_pixel": each, "bytes": each * of.width * of.height}
 
 
@@ -107,6 +110,7 @@ def _with_settings(
     seed: int | None,
     max_depth: int | EllipsisType | None,
     replicates: int | None,
+    adaptive: bool | None,
 ) -> Scene:
     if film is not None:
         if seed is None:
@@ -115,6 +119,8 @@ def _with_settings(
             max_depth = film.info.max_depth
         if replicates is None:
             replicates = film.replicates
+        if adaptive is None:
+            adaptive = film.adaptive
     changes: dict[str, Any] = {}
     if seed is not None:
         changes["seed"] = _integer("seed", seed, 0, 2**53 - 1)
@@ -124,6 +130,11 @@ def _with_settings(
         changes["max_depth"] = (
             None if max_depth is None else _integer("max_depth", max_depth, 0, 10_000)
         )
+    if adaptive is not None:
+        changes["adaptive"] = bool(adaptive)
+    asked = {**dict(scene.model.render), **changes}
+    if asked["adaptive"] and not halves_well(asked["replicates"]):
+        raise RenderError(HALVES, code="out_of_range", pointer="/render/replicates")
     same = all(getattr(scene.model.render, key) == value for key, value in changes.items())
     return scene if same else scene.with_render(**changes)
 

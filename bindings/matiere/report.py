@@ -45,6 +45,8 @@ def film_report(film: Film) -> dict[str, Any]:
         "spp": film.spp,
         "requested": dict(info.requested),
         "spp_note": spp_note(film),
+        "adaptive": film.adaptive,
+        "samples_per_pixel": [int(film.sample_counts.min()), int(film.sample_counts.max())],
         "replicates": film.replicates,
         "seeds": list(info.seeds),
         "max_depth": info.max_depth,
@@ -71,7 +73,7 @@ def film_report(film: Film) -> dict[str, Any]:
         "rejected": rejections(counters, info.materials),
         "rejected_total": counters["rejected_total"],
         "warnings": warnings(film),
-        "bytes_per_pixel": film.core.bytes_per_pixel(film.replicates),
+        "bytes_per_pixel": film.core.bytes_per_pixel(film.replicates, film.adaptive),
         "versions": dict(info.versions),
         "notes": [dict(note) for note in info.notes],
     }

@@ -1,6 +1,7 @@
 #include "film/film.h"
 
 #include <algorithm>
+#include <numeric>
 #include <string>
 
 #include "base/error.h"
@@ -14,13 +15,9 @@ std::size_t sum_count(int replicates, std::size_t pixels) {
 
 std::size_t pixel_count(int width, int height) { return std::size_t(width) * std::size_t(height); }
 
-bool same_plan(const Plan& a, const Plan& b) {
-    return a.width() == b.width() && a.height() == b.height() && a.replicates() == b.replicates();
-}
-
 std::string describe(const Plan& p) {
     return std::to_string(p.width()) + " x " + std::to_string(p.height()) + " with " +
-           std::to_string(p.replicates()) + " replicates";
+           std::to_string(p.replicates()) + (p.adaptive() ? " adaptive" : "") + " replicates";
 }
 
 }  // namespace
@@ -29,46 +26,79 @@ ChunkFilm::ChunkFilm(const Plan& plan, std::uint32_t index)
     : plan_(plan),
       chunk_(plan.chunk(index)),
       counts_(pixel_count(chunk_.width(), chunk_.height()), 0) {
-    sums_.resize(sum_count(plan.replicates(), counts_.size()), 0.0);
+    sums_.resize(sum_count(chunk_.replicates(), counts_.size()), 0.0);
 }
 
-Film::Film(int width, int height, int replicates)
-    : plan_(width, height, replicates),
-      sums_(sum_count(replicates, pixel_count(width, height)), 0.0),
-      counts_(pixel_count(width, height), 0) {}
+Film::Film(const Plan& plan)
+    : plan_(plan),
+      sums_(sum_count(plan.replicates(), pixel_count(plan.width(), plan.height())), 0.0),
+      counts_(pixel_count(plan.width(), plan.height()), 0) {
+    if (!plan.adaptive()) return;
+    first_counts_.resize(counts_.size(), 0);
+    adaptive_.emplace(plan);
+}
 
-std::uint64_t Film::tile_spp(int tile) const {
-    const Chunk first = plan_.chunk(std::uint32_t(tile));
-    return counts_[pixel_count(width(), first.y0) + std::size_t(first.x0)];
+/// What every pixel of the film would have if all strips were as far as this one.
+std::uint64_t Film::strip_spp(int strip) const {
+    const Chunk first = plan_.chunk(std::uint32_t(strip));
+    const std::size_t pixel = pixel_count(width(), first.y0) + std::size_t(first.x0);
+    return std::uint64_t(plan_.halves()) * count(pixel, first.r0);
 }
 
 std::uint64_t Film::spp() const {
-    std::uint64_t least = tile_spp(0);
-    for (int tile = 1; tile < plan_.tiles(); ++tile) least = std::min(least, tile_spp(tile));
+    if (adaptive_) return plan_.boundary(adaptive_->rounds());
+    if (plan_.adaptive()) {  // merged: no boundary is there to name
+        const std::uint64_t total = std::accumulate(counts_.begin(), counts_.end(), 0ULL);
+        return total / counts_.size();
+    }
+    std::uint64_t least = strip_spp(0);
+    for (int tile = 1; tile < plan_.tiles(); ++tile) least = std::min(least, strip_spp(tile));
     return least;
 }
 
-std::uint32_t Film::next_chunk(int tile) const {
-    return std::uint32_t(plan_.ranges(tile_spp(tile)) * std::uint64_t(plan_.tiles()) +
-                         std::uint64_t(tile));
+std::uint32_t Film::next_chunk(int strip) const {
+    return std::uint32_t(plan_.ranges(strip_spp(strip)) * std::uint64_t(plan_.strips()) +
+                         std::uint64_t(strip));
+}
+
+std::vector<std::uint32_t> Film::missing(std::uint64_t spp) const {
+    if (adaptive_) return adaptive_->missing(plan_.ranges(spp), plan_);
+    std::vector<std::uint32_t> found;
+    for (int tile = 0; tile < plan_.tiles(); ++tile)
+        if (const std::uint32_t index = next_chunk(tile); plan_.chunk(index).s1 <= spp)
+            found.push_back(index);
+    return found;
 }
 
 void Film::add(const ChunkFilm& part) {
     const Chunk& c = part.chunk();
-    if (!same_plan(part.plan(), plan_))
+    if (part.plan() != plan_)
         throw SceneError("chunk_of_another_film", "the chunk belongs to a film of " +
                                                       describe(part.plan()) + ", this one is " +
                                                       describe(plan_));
     if (merged_)
         throw SceneError("film_is_merged", "a film merged from several seeds cannot be continued");
-    const std::uint32_t expected = next_chunk(int(c.index % std::uint32_t(plan_.tiles())));
+    const std::uint32_t expected = next_chunk(int(c.index % std::uint32_t(plan_.strips())));
+    if (adaptive_ && c.index == expected && !adaptive_->wants(c.index, plan_))
+        throw SceneError("chunk_out_of_order",
+                         "chunk " + std::to_string(c.index) + " was given before its tile's turn");
     if (c.index != expected)
         throw SceneError("chunk_out_of_order", "chunk " + std::to_string(c.index) +
                                                    " was given where chunk " +
                                                    std::to_string(expected) + " is next");
+    add_sums(part);
+    work_ += part.work();
+    provenance_ += part.provenance();
+    if (!adaptive_) return;
+    const Counters& cost = part.work().counters;
+    adaptive_->note(*this, c, cost.rays + cost.shadow_rays);
+}
+
+void Film::add_sums(const ChunkFilm& part) {
+    const Chunk& c = part.chunk();
     const std::size_t row_values = std::size_t(c.width()) * kFilmChannels;
     const double* from = part.sums().data();
-    for (int r = 0; r < replicates(); ++r)
+    for (int r = c.r0; r < c.r1; ++r)
         for (int y = c.y0; y < c.y1; ++y) {
             const std::size_t pixel = pixel_count(width(), y) + std::size_t(c.x0);
             double* to = &sums_[(std::size_t(r) * counts_.size() + pixel) * kFilmChannels];
@@ -77,18 +107,22 @@ void Film::add(const ChunkFilm& part) {
         }
     const std::uint32_t* count = part.counts().data();
     for (int y = c.y0; y < c.y1; ++y)
-        for (int x = c.x0; x < c.x1; ++x)
-            counts_[pixel_count(width(), y) + std::size_t(x)] += *count++;
-    work_ += part.work();
-    provenance_ += part.provenance();
+        for (int x = c.x0; x < c.x1; ++x, ++count) {
+            const std::size_t pixel = pixel_count(width(), y) + std::size_t(x);
+            counts_[pixel] += *count;
+            if (plan_.adaptive() && c.r0 == 0) first_counts_[pixel] += *count;
+        }
 }
 
 void Film::merge(const Film& other) {
-    if (!same_plan(other.plan_, plan_))
+    if (other.plan_ != plan_)
         throw SceneError("films_do_not_match", "the other film is " + describe(other.plan_) +
                                                    ", this one is " + describe(plan_));
     for (std::size_t i = 0; i < sums_.size(); ++i) sums_[i] += other.sums_[i];
     for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += other.counts_[i];
+    for (std::size_t i = 0; i < first_counts_.size(); ++i)
+        first_counts_[i] += other.first_counts_[i];
+    adaptive_.reset();
     work_ += other.work_;
     provenance_ += other.provenance_;
     merged_ = true;

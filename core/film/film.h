@@ -1,14 +1,17 @@
 // The film: per pixel and replicate four double sums (linear R, G, B, alpha), and what it cost.
 // Chunks are added tile by tile in plan order as a left fold in double, so the sums of a given spp
-// have the same bits for any number of threads, processes, kills and restarts.
+// have the same bits for any number of threads, processes, kills and restarts. In an adaptive film
+// the halves of the replicates have sample counts of their own and each is averaged by itself.
 #pragma once
 
 #include <cstddef>
 #include <cstdint>
+#include <optional>
 #include <span>
 #include <vector>
 
 #include "base/guard.h"
+#include "film/adaptive_state.h"
 #include "film/outliers.h"
 #include "film/plan.h"
 
@@ -42,16 +45,16 @@ class ChunkFilm {
     Provenance& provenance() { return provenance_; }
     const Provenance& provenance() const { return provenance_; }
 
-    /// Adds sample s (in the chunk's range) of the pixel at (x, y) inside the tile.
+    /// Adds sample s (of the chunk's range and replicates) of the pixel at (x, y) inside the tile.
     void add(int x, int y, std::uint64_t s, const double (&value)[kFilmChannels]) {
-        const auto r = std::size_t(s % std::uint64_t(plan_.replicates()));
+        const auto r = std::size_t(s % std::uint64_t(plan_.replicates())) - std::size_t(chunk_.r0);
         const std::size_t pixel = std::size_t(y) * std::size_t(chunk_.width()) + std::size_t(x);
         double* sum = &sums_[(r * counts_.size() + pixel) * kFilmChannels];
         for (int c = 0; c < kFilmChannels; ++c) sum[c] += value[c];
         ++counts_[pixel];
     }
 
-    std::span<const double> sums() const { return sums_; }  ///< [replicate][y][x][channel]
+    std::span<const double> sums() const { return sums_; }  ///< [r - r0][y][x][channel]
     std::span<const std::uint32_t> counts() const { return counts_; }
 
     /// Self-describing little-endian bytes with a CRC-64 at the end.
@@ -70,7 +73,9 @@ class ChunkFilm {
 
 class Film {
  public:
-    Film(int width, int height, int replicates);
+    Film(int width, int height, int replicates, bool adaptive = false)
+        : Film(Plan(width, height, replicates, adaptive)) {}
+    explicit Film(const Plan& plan);
 
     const Plan& plan() const { return plan_; }
     int width() const { return plan_.width(); }
@@ -83,11 +88,15 @@ class Film {
     /// True when films of several seeds were merged: no chunk can follow.
     bool merged() const { return merged_; }
 
-    /// Samples every pixel has at least.
+    /// Samples every pixel has at least; of an adaptive film the boundary that the mean has
+    /// reached.
     std::uint64_t spp() const;
-    /// Index of the next chunk of this tile.
-    std::uint32_t next_chunk(int tile) const;
-    /// Adds the next chunk of a tile; throws SceneError for any other chunk, leaving the film as
+    /// Index of the next chunk of this strip: a tile, or a tile and half of an adaptive film.
+    std::uint32_t next_chunk(int strip) const;
+    /// Chunks to be added next on the way to `spp`: all of them, or of an adaptive film those that
+    /// are decided. Empty when the film is there.
+    std::vector<std::uint32_t> missing(std::uint64_t spp) const;
+    /// Adds the next chunk of a strip; throws SceneError for any other chunk, leaving the film as
     /// is.
     void add(const ChunkFilm& chunk);
     /// Adds a film of other seeds, replicate by replicate: the replicates stay independent and
@@ -97,22 +106,42 @@ class Film {
     std::span<const double> sums() const { return sums_; }  ///< [replicate][y][x][channel]
     std::span<double> sums() { return sums_; }
     std::span<const std::uint32_t> counts() const { return counts_; }  ///< [y][x]
+    /// Of an adaptive film the samples in the first half of the replicates, [y][x]; else empty.
+    std::span<const std::uint32_t> first_counts() const { return first_counts_; }
+    /// Samples of a pixel in the replicates that share a count with r: a half, or all.
+    std::uint32_t count(std::size_t pixel, int r) const {
+        if (first_counts_.empty()) return counts_[pixel];
+        const std::uint32_t first = first_counts_[pixel];
+        return r < replicates() / 2 ? first : counts_[pixel] - first;
+    }
+    /// What is decided about the samples to come; nothing but in an adaptive film of one seed.
+    const std::optional<AdaptiveState>& adaptive() const { return adaptive_; }
 
-    /// Mean of one replicate, or of all with r = -1; zeros where there is no sample.
+    /// Mean of one replicate, or of all with r = -1; zeros where there is no sample. The halves of
+    /// an adaptive film weigh the same whatever their counts.
     double mean(std::size_t pixel, int channel, int r) const {
-        const double n = double(counts_[pixel]);
-        if (n == 0.0) return 0.0;
-        if (r >= 0) return sum(r, pixel, channel) * double(replicates()) / n;
-        double total = 0.0;
-        for (int i = 0; i < replicates(); ++i) total += sum(i, pixel, channel);
-        return total / n;
+        const int share = replicates() / plan_.halves();
+        if (r >= 0) {
+            const double n = double(count(pixel, r));
+            return n == 0.0 ? 0.0 : sum(r, pixel, channel) * double(share) / n;
+        }
+        double result = 0.0;
+        for (int first = 0; first < replicates(); first += share) {
+            const double n = double(count(pixel, first));
+            if (n == 0.0) return 0.0;
+            double total = 0.0;
+            for (int i = first; i < first + share; ++i) total += sum(i, pixel, channel);
+            result += total / n;
+        }
+        return plan_.adaptive() ? 0.5 * result : result;
     }
 
     std::vector<std::byte> to_bytes() const;
     static Film from_bytes(std::span<const std::byte> bytes);
 
-    static std::size_t bytes_per_pixel(int replicates) {
-        return std::size_t(replicates) * kFilmChannels * sizeof(double) + sizeof(std::uint32_t);
+    static std::size_t bytes_per_pixel(int replicates, bool adaptive = false) {
+        return std::size_t(replicates) * kFilmChannels * sizeof(double) +
+               (adaptive ? 2 : 1) * sizeof(std::uint32_t);
     }
 
  private:
@@ -120,12 +149,15 @@ class Film {
         return sums_[(std::size_t(r) * counts_.size() + pixel) * kFilmChannels +
                      std::size_t(channel)];
     }
-    std::uint64_t tile_spp(int tile) const;
+    std::uint64_t strip_spp(int strip) const;
+    void add_sums(const ChunkFilm& part);
     void check_counts() const;
+    void restore(AdaptiveState::Record record);
 
     Plan plan_;
     std::vector<double> sums_;
-    std::vector<std::uint32_t> counts_;
+    std::vector<std::uint32_t> counts_, first_counts_;
+    std::optional<AdaptiveState> adaptive_;
     Work work_;
     Provenance provenance_;
     bool merged_ = false;

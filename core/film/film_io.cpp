@@ -109,21 +109,22 @@ class Reader {
 void put_head(Writer& out, std::uint64_t magic, const Plan& plan) {
     out.put(magic);
     out.put(kByteVersion);
-    for (const int n : {Plan::kVersion, plan.width(), plan.height(), plan.replicates()})
+    const int version = plan.adaptive() ? Plan::kAdaptiveVersion : Plan::kVersion;
+    for (const int n : {version, plan.width(), plan.height(), plan.replicates()})
         out.put(std::int32_t(n));
 }
 
 Plan get_plan(Reader& in) {
     const auto version = in.get<std::int32_t>();
-    if (version != Plan::kVersion)
+    if (version != Plan::kVersion && version != Plan::kAdaptiveVersion)
         throw SceneError("other_plan", "the film follows chunk plan version " +
-                                           std::to_string(version) + ", this matiere version " +
-                                           std::to_string(Plan::kVersion));
+                                           std::to_string(version) + ", this matiere versions " +
+                                           std::to_string(Plan::kVersion) + " and " +
+                                           std::to_string(Plan::kAdaptiveVersion));
     const auto width = in.get<std::int32_t>();
     const auto height = in.get<std::int32_t>();
     const auto replicates = in.get<std::int32_t>();
-    const Plan plan(width, height, replicates);
-    return plan;
+    return {width, height, replicates, version == Plan::kAdaptiveVersion};
 }
 
 void put_work(Writer& out, const Work& work) {
@@ -181,6 +182,25 @@ Provenance get_provenance(Reader& in) {
     return provenance;
 }
 
+void put_record(Writer& out, const AdaptiveState::Record& record) {
+    out.put(record.floors);
+    out.put(std::uint64_t(record.worth.size()));
+    out.put_all(std::span<const double>(record.worth));
+    out.put_all(std::span<const std::uint64_t>(record.rays));
+}
+
+AdaptiveState::Record get_record(Reader& in, const Plan& plan) {
+    AdaptiveState::Record record;
+    in.get_all(std::span<double>(record.floors));
+    const auto size = in.get<std::uint64_t>();
+    if (size > in.left() / sizeof(double)) damaged("they are cut short");
+    record.worth.resize(size);
+    in.get_all(std::span<double>(record.worth));
+    record.rays.resize(std::size_t(plan.strips()));
+    in.get_all(std::span<std::uint64_t>(record.rays));
+    return record;
+}
+
 }  // namespace
 
 std::vector<std::byte> ChunkFilm::to_bytes() const {
@@ -203,7 +223,7 @@ ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
     in.get_all(std::span<std::uint32_t>(part.counts_));
     in.get_all(std::span<double>(part.sums_));
     in.end();
-    const std::uint64_t expected = part.chunk_.s1 - part.chunk_.s0;
+    const std::uint64_t expected = (part.chunk_.s1 - part.chunk_.s0) / std::uint64_t(plan.halves());
     for (const auto n : part.counts_)
         if (n != expected) damaged("a sample count is not that of the chunk");
     return part;
@@ -217,6 +237,8 @@ std::vector<std::byte> Film::to_bytes() const {
     put_provenance(out, provenance_);
     out.put_all(counts());
     out.put_all(std::span<const double>(sums_));
+    out.put_all(first_counts());
+    if (adaptive_) put_record(out, adaptive_->record());
     return out.finish();
 }
 
@@ -227,27 +249,44 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     Work work = get_work(in);
     Provenance provenance = get_provenance(in);
     const std::size_t pixels = std::size_t(plan.width()) * std::size_t(plan.height());
-    if (in.left() != pixels * bytes_per_pixel(plan.replicates())) damaged("their length is wrong");
-    Film film(plan.width(), plan.height(), plan.replicates());
+    const std::size_t size = pixels * bytes_per_pixel(plan.replicates(), plan.adaptive());
+    if (plan.adaptive() ? in.left() < size : in.left() != size) damaged("their length is wrong");
+    Film film(plan);
     film.merged_ = merged != 0;
     film.work_ = std::move(work);
     film.provenance_ = std::move(provenance);
     in.get_all(std::span<std::uint32_t>(film.counts_));
     in.get_all(std::span<double>(film.sums_));
+    in.get_all(std::span<std::uint32_t>(film.first_counts_));
     film.check_counts();
+    if (film.merged_)
+        film.adaptive_.reset();
+    else if (plan.adaptive())
+        film.restore(get_record(in, plan));
+    in.end();
     return film;
 }
 
 void Film::check_counts() const {
-    for (int tile = 0; tile < plan_.tiles(); ++tile) {
-        const Chunk c = plan_.chunk(std::uint32_t(tile));
-        const std::uint64_t spp = tile_spp(tile);
+    for (int strip = 0; strip < plan_.strips(); ++strip) {
+        const Chunk c = plan_.chunk(std::uint32_t(strip));
+        const std::uint64_t spp = strip_spp(strip);
         if (!merged_ && plan_.round_up(spp) != spp) damaged("a sample count is not on the plan");
         for (int y = c.y0; y < c.y1; ++y)
-            for (int x = c.x0; x < c.x1; ++x)
-                if (counts_[std::size_t(y) * std::size_t(width()) + std::size_t(x)] != spp)
+            for (int x = c.x0; x < c.x1; ++x) {
+                const std::size_t pixel = std::size_t(y) * std::size_t(width()) + std::size_t(x);
+                if (std::uint64_t(plan_.halves()) * count(pixel, c.r0) != spp)
                     damaged("the sample counts of a tile differ");
+            }
     }
+}
+
+void Film::restore(AdaptiveState::Record record) {
+    std::vector<std::uint64_t> ranges;
+    for (int strip = 0; strip < plan_.strips(); ++strip)
+        ranges.push_back(plan_.ranges(strip_spp(strip)));
+    if (!adaptive_->restore(*this, ranges, std::move(record)))
+        damaged("their sample counts are not those that they decide");
 }
 
 }  // namespace matiere

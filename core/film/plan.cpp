@@ -45,9 +45,15 @@ void check(int width, int height, int replicates) {
 
 }  // namespace
 
-Plan::Plan(int width, int height, int replicates)
-    : width_(width), height_(height), replicates_(replicates) {
+Plan::Plan(int width, int height, int replicates, bool adaptive)
+    : width_(width), height_(height), replicates_(replicates), adaptive_(adaptive) {
     check(width, height, replicates);
+    if (adaptive && (replicates < 4 || replicates % 2 != 0))
+        throw SceneError("bad_replicates",
+                         "adaptive sampling needs two halves of at least two replicates: an even "
+                         "number of 4 or more, not " +
+                             std::to_string(replicates),
+                         "/render/replicates");
     tile_edge_ = choose_tile_edge(width, height);
     tiles_x_ = divide_up(width, tile_edge_);
     tiles_y_ = divide_up(height, tile_edge_);
@@ -73,18 +79,21 @@ std::uint64_t Plan::ranges(std::uint64_t spp) const {
 }
 
 std::uint32_t Plan::chunk_count(std::uint64_t spp) const {
-    const std::uint64_t count = ranges(spp) * std::uint64_t(tiles());
+    const std::uint64_t count = ranges(spp) * std::uint64_t(strips());
     if (count > UINT32_MAX)
         throw SceneError("bad_spp", "this film and spp need more than 2^32 chunks", "/render/spp");
     return std::uint32_t(count);
 }
 
 Chunk Plan::chunk(std::uint32_t index) const {
-    const auto tile_count = std::uint32_t(tiles());
-    const std::uint32_t range = index / tile_count;
-    const auto tile = int(index % tile_count);
+    const auto strip_count = std::uint32_t(strips());
+    const std::uint32_t range = index / strip_count;
+    const auto strip = int(index % strip_count);
+    const int tile = strip % tiles(), half = strip / tiles();
     Chunk c;
     c.index = index;
+    c.r0 = half * (replicates_ / 2);
+    c.r1 = adaptive_ ? c.r0 + replicates_ / 2 : replicates_;
     c.x0 = (tile % tiles_x_) * tile_edge_;
     c.y0 = (tile / tiles_x_) * tile_edge_;
     c.x1 = std::min(c.x0 + tile_edge_, width_);

@@ -47,8 +47,10 @@ std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index,
         if (cancel.cancelled()) return std::nullopt;
         for (int x = 0; x < chunk.width(); ++x)
             for (std::uint64_t s = chunk.s0; s < chunk.s1; ++s) {
-                const SampleId id{source.origin.x + chunk.x0 + x, source.origin.y + chunk.y0 + y,
-                                  std::uint32_t(s % replicates), s / replicates};
+                const auto r = std::uint32_t(s % replicates);
+                if (int(r) < chunk.r0 || int(r) >= chunk.r1) continue;
+                const SampleId id{source.origin.x + chunk.x0 + x, source.origin.y + chunk.y0 + y, r,
+                                  s / replicates};
                 const PathResult p = sample(id, counters);
                 film.provenance().outliers.offer(
                     {source.seed, id.index, id.replicate, id.x, id.y, {p.L[0], p.L[1], p.L[2]}});

@@ -35,15 +35,19 @@ void PassRunner::shut_down() {
 
 bool PassRunner::run(std::uint64_t spp, const std::function<void()>& poll,
                      const CancelToken& cancel) {
-    {
-        const std::lock_guard lock(mutex_);
-        queue_.clear();
-        next_ = 0;
-        for (int tile = 0; tile < film_.plan().tiles(); ++tile) {
-            const std::uint32_t index = film_.next_chunk(tile);
-            if (film_.plan().chunk(index).s1 <= spp) queue_.push_back(index);
+    for (;;) {  // an adaptive film may decide on more when its queue is done
+        {
+            const std::lock_guard lock(mutex_);
+            queue_ = film_.missing(spp);
+            next_ = 0;
+            early_.clear();
+            if (queue_.empty()) return true;
         }
+        if (!run_queue(poll, cancel)) return false;
     }
+}
+
+bool PassRunner::run_queue(const std::function<void()>& poll, const CancelToken& cancel) {
     work_ready_.notify_all();
     try {
         wait(poll, cancel);
@@ -85,10 +89,21 @@ bool PassRunner::take(std::uint32_t& index) {
     return true;
 }
 
-void PassRunner::finish(const std::optional<ChunkFilm>& done, std::exception_ptr error) {
+void PassRunner::fold(ChunkFilm done) {
+    const auto strips = std::uint32_t(film_.plan().strips());
+    std::uint32_t index = done.chunk().index;
+    early_.emplace(index, std::move(done));
+    if (index != film_.next_chunk(int(index % strips))) return;
+    for (auto at = early_.find(index); at != early_.end(); at = early_.find(index += strips)) {
+        film_.add(at->second);
+        early_.erase(at);
+    }
+}
+
+void PassRunner::finish(std::optional<ChunkFilm> done, std::exception_ptr error) {
     const std::lock_guard lock(mutex_);
     try {
-        if (done) film_.add(*done);
+        if (done) fold(std::move(*done));
     } catch (...) {
         error = std::current_exception();
     }
@@ -107,7 +122,7 @@ void PassRunner::work() {
         } catch (...) {
             error = std::current_exception();
         }
-        finish(done, error);
+        finish(std::move(done), error);
     }
 }
 

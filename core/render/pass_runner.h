@@ -1,6 +1,6 @@
 // The threads of the pass loop. They live for one render; each takes the next chunk in plan order
-// and folds it into the film. Within a pass a tile occurs once, so the fold order per tile is
-// fixed.
+// and folds it into the film. A strip (tile, or tile and half) may have several chunks in a pass of
+// an adaptive film: one that is done before its forerunner waits, so the fold order is fixed.
 #pragma once
 
 #include <chrono>
@@ -8,7 +8,9 @@
 #include <cstdint>
 #include <exception>
 #include <functional>
+#include <map>
 #include <mutex>
+#include <optional>
 #include <thread>
 #include <vector>
 
@@ -35,16 +37,19 @@ class PassRunner {
     void work();
     void shut_down();
     bool take(std::uint32_t& index);
-    void finish(const std::optional<ChunkFilm>& done, std::exception_ptr error);
+    void finish(std::optional<ChunkFilm> done, std::exception_ptr error);
+    void fold(ChunkFilm done);
+    bool run_queue(const std::function<void()>& poll, const CancelToken& cancel);
     void wait(const std::function<void()>& poll, const CancelToken& cancel);
 
     const ChunkFunction& chunk_;
     Film& film_;
     std::mutex mutex_;
     std::condition_variable work_ready_, pass_done_;
-    std::vector<std::uint32_t> queue_;  ///< chunks of this pass, in order
-    std::size_t next_ = 0;              ///< first chunk nobody took
-    std::size_t open_ = 0;              ///< chunks taken and not finished
+    std::vector<std::uint32_t> queue_;          ///< chunks of this pass, in order
+    std::size_t next_ = 0;                      ///< first chunk nobody took
+    std::size_t open_ = 0;                      ///< chunks taken and not finished
+    std::map<std::uint32_t, ChunkFilm> early_;  ///< done before the chunk they follow
     bool closing_ = false;
     Clock::time_point last_poll_ = Clock::now();
     std::exception_ptr error_;

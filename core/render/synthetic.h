@@ -28,16 +28,20 @@ struct Synthetic {
     SyntheticKind kind = SyntheticKind::kUniform;
     std::uint64_t seed = 0;
     double spread = 1.0;
+    /// Replicates from here on repeat the first ones: with R / 2 an adaptive film decides on the
+    /// very samples it counts, which the tests must notice. 0 = all are independent.
+    std::uint32_t repeat_after = 0;
 
     static double mean(int x, int y) { return 0.2 + 0.05 * double((x / 8 + y / 8) % 16); }
 
     PathResult operator()(const SampleId& id, Counters& counters) const {
         ++counters.samples;
         ++counters.rays;
-        const double value = kind == SyntheticKind::kZero
-                                 ? 0.0
-                                 : mean(id.x, id.y) * unit_mean(hash_words(seed, id.replicate, id.x,
-                                                                           id.y, id.index));
+        const std::uint32_t set = repeat_after > 0 ? id.replicate % repeat_after : id.replicate;
+        const double value =
+            kind == SyntheticKind::kZero
+                ? 0.0
+                : mean(id.x, id.y) * unit_mean(hash_words(seed, set, id.x, id.y, id.index));
         return {Spectrumf(float(value), float(0.5 * value), float(0.25 * value)), 1.0F};
     }
 

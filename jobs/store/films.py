@@ -15,6 +15,7 @@ from typing import Any
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from matiere.jobs.course import is_adaptive
 from matiere.jobs.job import JsonDict
 from matiere.jobs.store.events import emit
 from matiere.jobs.store.files import Blob, add_reference, discard, drop_attempts, drop_reference
@@ -65,7 +66,7 @@ class Claim:
     """What a child was asked to render."""
 
     film_id: int
-    chunks: Sequence[int]
+    chunks: Sequence[int]  # positions in the film's course
     instance_id: str
     child: int
     lease_s: float
@@ -326,9 +327,10 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
     for waiting in waiting_jobs(c, merged.film_id) if merged.prefix else []:
         facts = {k: merged.facts[k] for k in ("spp", "relmse", "lower", "upper")}
         emit(c, "look", waiting.id, waiting.sweep_id, **facts)
-    prefix = merged.prefix or _stored_prefix(c, merged.film_id)
-    for ended in merged.ended:
-        end_job(c, ended["job_id"], ended, prefix)
+    if merged.ended:
+        prefix = merged.prefix or _stored_prefix(c, merged.film_id)
+        for ended in merged.ended:
+            end_job(c, ended["job_id"], ended, prefix)
     return True
 
 
@@ -394,8 +396,8 @@ def void_dead(c: Connection, instance_id: str, pid: int) -> JsonDict:
     return {"claims_voided": len(dead), "chunks_voided": voided, "chunks_present": present}
 
 
-def begun_films(c: Connection) -> list[tuple[tuple[int, int, int], int, int, int]]:
-    """Return ((width, height, replicates), largest cap, merged, done) of films begun and wanted.
+def begun_films(c: Connection) -> list[tuple[tuple[int, int, int, bool], int, int, int]]:
+    """Return ((width, height, replicates, adaptive), largest cap, merged, done) of films begun.
 
     Merged and done count chunks; films that no chunk was rendered of are left out.
     """
@@ -411,7 +413,15 @@ def begun_films(c: Connection) -> list[tuple[tuple[int, int, int], int, int, int
         .where(job.c.state.in_(LIVE), job.c.ended_spp.is_(None), film.c.pixel_samples > 0)
         .group_by(film.c.id)
     )
-    return [((r.width, r.height, r.replicates), r.cap, r.prefix_chunks, r.done) for r in rows]
+    return [
+        (
+            (r.width, r.height, r.replicates, is_adaptive(json.loads(r.scene))),
+            r.cap,
+            r.prefix_chunks,
+            r.done,
+        )
+        for r in rows
+    ]
 
 
 def end_instance(c: Connection, instance_id: str) -> None:

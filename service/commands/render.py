@@ -49,6 +49,10 @@ def render(
         int, typer.Option(min=0, help="Render threads; 0: one per usable core.")
     ] = 0,
     seed: Annotated[int | None, typer.Option(min=0, help="Seed of the random numbers.")] = None,
+    adaptive: Annotated[
+        bool | None,
+        typer.Option(help="More samples for the tiles where they lower the error most."),
+    ] = None,
     view: Annotated[str | None, typer.Option(help="OpenColorIO view.")] = None,
     display: Annotated[str | None, typer.Option(help="OpenColorIO display.")] = None,
     exposure: Annotated[float | None, typer.Option(help="Exposure in stops.")] = None,
@@ -85,6 +89,7 @@ def render(
                 loaded,
                 **stop,
                 seed=seed,
+                adaptive=adaptive,
                 threads=threads,
                 film=old,
                 callback=callback,

@@ -56,7 +56,8 @@ class FakePlan:
                 "s1": self.boundary(k + 1)}  # fmt: skip
 
 
-def plan(width: int, height: int, replicates: int) -> FakePlan:
+def plan(width: int, height: int, replicates: int, adaptive: bool = False) -> FakePlan:
+    assert not adaptive
     return FakePlan(width, height, replicates)
 
 

@@ -118,6 +118,17 @@ class TargetError(Node):
             yield (), fault(code, f"give one of {', '.join(kinds)}, not {what}")
 
 
+HALVES = (
+    "adaptive sampling compares two halves of at least two replicates each: use an even number of "
+    "replicates, 4 or more"
+)
+
+
+def halves_well(replicates: int | None) -> bool:
+    """Tell whether so many replicates (None: the default) will do for adaptive sampling."""
+    return replicates is None or (replicates >= 4 and replicates % 2 == 0)
+
+
 class Render(Node):
     """When to stop, and what else the path tracer needs to know."""
 
@@ -137,6 +148,15 @@ class Render(Node):
     replicates: int | None = Field(
         None, ge=1, le=64, description="independently scrambled replicates; null: the default"
     )
+    adaptive: bool = Field(
+        False,
+        description="more samples for the tiles where they lower the error most; spp is then the "
+        "mean over the image (needs an even number of at least 4 replicates)",
+    )
+
+    def problems(self) -> Iterable[Line]:
+        if self.adaptive and not halves_well(self.replicates):
+            yield ("replicates",), fault("out_of_range", HALVES)
 
     @property
     def spp_cap(self) -> int:
