@@ -4,7 +4,7 @@
 
 Instructions are those outside libembree, counted by callgrind: the difference of two runs that
 differ in samples alone, so that the start of Python and the building of the scene drop out. Times
-are the median of several runs on one thread; machines are noisy, so read the ratios.
+are CPU times of one thread, the median of several runs; machines are noisy, so read the ratios.
 docs/kernels.md holds the table of the last release.
 """
 
@@ -19,7 +19,7 @@ import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from time import perf_counter
+from time import thread_time
 from typing import Any
 
 import matiere as mt
@@ -27,7 +27,7 @@ from matiere import _core
 
 ROOT = Path(__file__).resolve().parents[2]
 SCENES = ("cornell", "first", "rough_metals", "glass_sphere")
-EDGE, FEW, MANY = 12, 4, 12
+EDGE, FEW, MANY = 12, 4, 8  # whole passes
 
 
 def load(name: str, edge: int) -> mt.Scene:
@@ -40,14 +40,14 @@ def load(name: str, edge: int) -> mt.Scene:
 
 
 def run(name: str, kernel: str, edge: int, spp: int) -> float:
-    """Render on this thread; return the seconds of the samples alone."""
+    """Render on this thread; return the CPU seconds of the samples alone."""
     scene = load(name, edge)
     built, plan = scene.build(1), mt.chunks.plan(scene.model)
     settings = _core.Settings(0, 8, kernel=kernel)
-    start = perf_counter()
+    start = thread_time()
     for index in range(plan.chunk_count(spp)):
         _core.render_chunk(built, settings, plan, index)
-    return perf_counter() - start
+    return thread_time() - start
 
 
 def instructions_of(file: Path) -> int:
