@@ -40,6 +40,7 @@ _HOMES = {
     "bsdf": "probe",
     "check": "stability",
     "compare": "compare",
+    "denoise": "denoise",
     "develop": "develop",
     "film_key": "scene.digest",
     "info": "materials",
@@ -80,6 +81,7 @@ __all__ = [
     "check",
     "chunks",
     "compare",
+    "denoise",
     "develop",
     "errors",
     "film_key",
@@ -125,6 +127,7 @@ sys.modules[__name__].__class__ = _Package
 if TYPE_CHECKING:
     from matiere import chunks, errors
     from matiere.compare import Comparison, compare
+    from matiere.denoise import denoise
     from matiere.develop import develop
     from matiere.errors import (
         AssetChanged,

@@ -60,6 +60,14 @@ def render(
         bool | None,
         typer.Option(help="Leave specks of single samples out of PNG and JPEG (EXR keeps them)."),
     ] = None,
+    denoise: Annotated[
+        bool,
+        typer.Option(
+            "--denoise",
+            help="Also write out.denoised.png beside out.png: smooth, without an error bar "
+            "(pip install 'matiere[denoise]').",
+        ),
+    ] = False,
     asset_root: Annotated[
         Path | None, typer.Option(help="Folder of the scene's files (default: its own).")
     ] = None,
@@ -81,6 +89,7 @@ def render(
         shown = _view(loaded, view, display, exposure, despeckle)
         files = _outputs(loaded, scene, output, (film, report, plot))
         stop = _stop(loaded, spp, seconds, target_error, shown)
+        made_by = _denoiser() if denoise else None
         if not quiet:
             typer.echo(_film_line(loaded), err=True)
         old = mt.load_film(resume) if resume is not None else None
@@ -97,6 +106,8 @@ def render(
             )
         for path in files:
             _write(path, done, loaded, shown)
+        if made_by is not None:
+            files += _write_denoised(files, done, loaded, shown, made_by)
         beside = _write_beside(done, (film, report, plot), scene.stem, shown["despeckle"])
     if not quiet:
         written = [*files, *beside]
@@ -205,6 +216,32 @@ def _write(path: Path, done: Film, loaded: Scene, shown: Mapping[str, Any]) -> N
         write_image(path, done, bit_depth=depth.exr)
     else:
         write_image(path, done, **shown, bit_depth=depth.png if suffix == ".png" else 8)
+
+
+def _denoiser() -> dict[str, str]:
+    """Return what denoised pictures say of themselves; fails where they cannot be made."""
+    from matiere.denoise import notes
+
+    return notes()
+
+
+def _write_denoised(
+    files: list[Path], done: Film, loaded: Scene, shown: Mapping[str, Any], made_by: dict[str, str]
+) -> list[Path]:
+    """Write a denoised picture beside each image; return where."""
+    from matiere.denoise import beside, denoise
+    from matiere.imageio import write_image
+
+    depth = loaded.model.output.bit_depth
+    depths = {".exr": depth.exr, ".png": depth.png}
+    view = {key: value for key, value in shown.items() if key != "despeckle"}
+    cleaned, written = denoise(done), [beside(path) for path in files]
+    for path in written:
+        suffix = path.suffix.lower()
+        options = {} if suffix == ".exr" else view
+        depth_of = depths.get(suffix, 8)
+        write_image(path, cleaned, **options, bit_depth=depth_of, metadata=made_by)
+    return written
 
 
 def _write_beside(
