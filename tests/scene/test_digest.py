@@ -37,6 +37,7 @@ def rich(folder: Path) -> dict[str, Any]:
     scene["lights"] += [
         {"type": "point", "position": [2, 3, 2], "intensity": [5, 6, 7]},
         {"type": "directional", "direction": [0, -1, 0], "irradiance": 2},
+        {"type": "spot", "position": [0, 3, 0], "direction": [0, -1, 0], "intensity": 1},
     ]
     scene["textures"] = {"t": {"pixels": [[[0.1, 0.2, 0.3]]]}}
     scene["materials"]["floor"]["albedo"] = {"texture": "t"}
@@ -55,6 +56,8 @@ CHANGES_PIXELS: dict[str, Change] = {
     "vfov": lambda s: s["camera"].update(vfov_deg=36),
     "aperture": lambda s: s["camera"].update(aperture_radius=0.2),
     "focus": lambda s: s["camera"].update(focus_distance=6),
+    "blades": lambda s: s["camera"].update(blades=6),
+    "aperture ratio": lambda s: s["camera"].update(aperture_ratio=0.5),
     "width": lambda s: s["film"].update(width=17),
     "height": lambda s: s["film"].update(height=17),
     "filter": lambda s: s["film"].update(filter="gaussian"),
@@ -63,6 +66,7 @@ CHANGES_PIXELS: dict[str, Change] = {
     "seed": lambda s: s["render"].update(seed=2),
     "max_depth": lambda s: s["render"].update(max_depth=6),
     "replicates": lambda s: s["render"].update(replicates=8),
+    "adaptive": lambda s: s["render"].update(adaptive=True),
     "background": lambda s: s.update(background="transparent"),
     "alpha": lambda s: s["materials"]["ball"].update(alpha=0.11),
     "metal": lambda s: s["materials"]["ball"].update(metal="Ag"),
@@ -81,6 +85,7 @@ CHANGES_PIXELS: dict[str, Change] = {
     "light": lambda s: s["lights"][0].update(radiance=[10, 10, 11]),
     "point light": lambda s: s["lights"][1].update(intensity=1),
     "sun": lambda s: s["lights"][2].update(irradiance=1),
+    "spot": lambda s: s["lights"][3].update(outer_deg=31),
     "fewer lights": lambda s: s["lights"].pop(),
     "environment": lambda s: s["environment"]["pixels"][0][0].__setitem__(0, 9),
     "rotation": lambda s: s["environment"].update(rotation_deg=11),
@@ -96,6 +101,7 @@ SAME_FILM: dict[str, Change] = {
     "target_error": lambda s: s["render"].update(target_error={"relmse": 0.01}),
     "exposure": lambda s: s["output"].update(exposure=2),
     "view": lambda s: s["output"].update(view="Un-tone-mapped"),
+    "despeckle": lambda s: s["output"].update(despeckle=True),
     "output files": lambda s: s["output"].update(files=["a.png"], bit_depth={"png": 16}),
     "no output": lambda s: s.pop("output"),
     "names of shapes": lambda s: s["shapes"][0].update(name="ball"),
@@ -141,6 +147,7 @@ def test_every_field_was_thought_of() -> None:
     }  # fmt: skip
     assert set(mt.SceneModel.model_fields["render"].annotation.model_fields) == {  # type: ignore[union-attr]
         "spp", "seed", "max_depth", "seconds", "target_error", "replicates",
+        "adaptive",
     }  # fmt: skip
 
 
