@@ -98,8 +98,11 @@ class Service:
 
 
 def kill_one_child(service: Service, which: int) -> int:
-    """SIGKILL one child of a service; return its pid."""
-    pids = [child["pid"] for child in service.status()["children"] if child["pid"]]
+    """SIGKILL one child of a service, waiting for one to be there; return its pid."""
+    until = time.monotonic() + 60
+    while not (pids := [c["pid"] for c in service.status()["children"] if c["pid"]]):
+        assert time.monotonic() < until, "no child came back within a minute"
+        time.sleep(0.1)
     pid = int(pids[which % len(pids)])
     os.kill(pid, signal.SIGKILL)
     return pid
