@@ -21,6 +21,19 @@ TARGET_HELP = (
     "(8-bit steps in the delivered image)."
 )
 
+Denoise = Annotated[
+    bool,
+    typer.Option(
+        "--denoise",
+        help="Also write out.denoised.png beside out.png: smooth, without an error bar "
+        "(pip install 'matiere[denoise]').",
+    ),
+]
+Despeckle = Annotated[
+    bool | None,
+    typer.Option(help="Leave specks of single samples out of PNG and JPEG (EXR keeps them)."),
+]
+
 
 def render(
     scene: Annotated[Path, typer.Argument(help="Scene (JSON).", show_default=False)],
@@ -56,18 +69,8 @@ def render(
     view: Annotated[str | None, typer.Option(help="OpenColorIO view.")] = None,
     display: Annotated[str | None, typer.Option(help="OpenColorIO display.")] = None,
     exposure: Annotated[float | None, typer.Option(help="Exposure in stops.")] = None,
-    despeckle: Annotated[
-        bool | None,
-        typer.Option(help="Leave specks of single samples out of PNG and JPEG (EXR keeps them)."),
-    ] = None,
-    denoise: Annotated[
-        bool,
-        typer.Option(
-            "--denoise",
-            help="Also write out.denoised.png beside out.png: smooth, without an error bar "
-            "(pip install 'matiere[denoise]').",
-        ),
-    ] = False,
+    despeckle: Despeckle = None,
+    denoise: Denoise = False,
     asset_root: Annotated[
         Path | None, typer.Option(help="Folder of the scene's files (default: its own).")
     ] = None,

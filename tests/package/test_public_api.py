@@ -15,7 +15,8 @@ PUBLIC = {
     "ImageError", "Lobe", "MatiereError",
     "MemoryLimitError", "ProbeError", "RenderError", "Replay", "Scene", "SceneModel",
     "SceneValidationError",
-    "__version__", "bsdf", "check", "chunks", "compare", "develop", "errors", "film_key", "info",
+    "__version__", "bsdf", "check", "chunks", "compare", "denoise",
+    "develop", "errors", "film_key", "info",
     "load", "load_film", "loads", "materials", "metals", "read_image",
     "render", "replay", "schema", "write_image",
 }  # fmt: skip
