@@ -37,11 +37,12 @@ class _Request(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
 
+# As in matiere.scene.model, which brings NumPy into the process (a test holds the two together).
 class DisplayTarget(_Request):
     """How far the delivered 8-bit image may be off, through the view of its output."""
 
     code_values: int = Field(1, ge=1, le=254, description="8-bit steps that a pixel may be off")
-    pixels_percent: Number = Field(
+    pixels_percent: float = Field(
         95.0, gt=0, lt=100, description="share of the pixels that keep to it, percent"
     )
 

@@ -76,3 +76,13 @@ def alive(pid: int) -> bool:
         return Path(f"/proc/{pid}/stat").read_text().rsplit(")", 1)[1].split()[0] != "Z"
     except OSError:
         return False
+
+
+def killed_in_the_middle(data: Path, document: dict[str, Any], **options: Any) -> None:
+    """Kill a service, and wait for the end of its children, three artifacts into the job."""
+    service = Service(data, f"engine.submit_job({document!r})", **options)
+    orphans = children_of(service.process.pid)
+    folder = data / "artifacts"
+    wait_until(lambda: len([p for p in folder.glob("??/??/*") if p.is_file()]) >= 3, 60)
+    service.kill()
+    wait_until(lambda: not any(alive(pid) for pid in orphans), 5.0)

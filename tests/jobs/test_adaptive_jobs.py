@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from conftest_jobs import Service, alive, children_of, report_of, wait_until
+from conftest_jobs import killed_in_the_middle, report_of
 from film_scenes import scenes
 
 import matiere as mt
@@ -51,12 +51,7 @@ def test_adaptive_jobs_have_the_pixels_of_mt_render(tmp_path: Path) -> None:
 
 def test_an_adaptive_job_killed_in_the_middle_resumes_with_the_same_bits(tmp_path: Path) -> None:
     document = scene(192, 96)
-    service = Service(tmp_path / "a", f"engine.submit_job({document!r})", children=2, **OPTIONS)
-    orphans = children_of(service.process.pid)
-    folder = tmp_path / "a" / "artifacts"
-    wait_until(lambda: len([p for p in folder.glob("??/??/*") if p.is_file()]) >= 3, 60)
-    service.kill()
-    wait_until(lambda: not any(alive(pid) for pid in orphans), 5.0)
+    killed_in_the_middle(tmp_path / "a", document, children=2, **OPTIONS)
     with open_engine(tmp_path / "a", children=2, **OPTIONS) as engine:
         job = engine.wait_job(engine.list_jobs()[0].id, 120)
         assert (job.state, job.spp) == ("succeeded", 192), job.error

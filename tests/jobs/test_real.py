@@ -13,7 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from conftest_jobs import Service, alive, children_of, report_of, wait_until
+from conftest_jobs import killed_in_the_middle, report_of, wait_until
 
 import matiere as mt
 from matiere.errors import SceneValidationError
@@ -98,12 +98,7 @@ def test_one_hash_for_processes_and_threads(
 
 def test_a_render_killed_in_the_middle_resumes_with_the_same_bits(tmp_path: Path) -> None:
     scene = SCENE | {"film": {"width": 128, "height": 96}, "render": {"spp": 192, "seed": 5}}
-    service = Service(tmp_path / "a", f"engine.submit_job({scene!r})", children=2, **OPTIONS)
-    orphans = children_of(service.process.pid)
-    folder = tmp_path / "a" / "artifacts"
-    wait_until(lambda: len([p for p in folder.glob("??/??/*") if p.is_file()]) >= 3, 60)
-    service.kill()
-    wait_until(lambda: not any(alive(pid) for pid in orphans), 5.0)
+    killed_in_the_middle(tmp_path / "a", scene, children=2, **OPTIONS)
     with open_engine(tmp_path / "a", children=2, **OPTIONS) as engine:
         job = engine.wait_job(engine.list_jobs()[0].id, 120)
         rendered = engine.status()["counters"]["chunks_rendered"]

@@ -12,8 +12,9 @@ import pytest
 from fake_engine import FakeEngine
 from fastapi import FastAPI
 
+from matiere.scene.model import TargetError
 from matiere.service.errors import ALIASES, CODES, TYPE_PREFIX
-from matiere.service.schemas import JobSubmission, SweepSubmission
+from matiere.service.schemas import JobSubmission, SweepSubmission, Target
 from matiere.service.settings import Settings
 from matiere.service.sweepfile import SweepFile
 
@@ -110,3 +111,17 @@ def test_every_route_answers_errors_as_problem_documents(
     assert client.request(
         "DELETE", "/v1/jobs", headers={"Content-Type": "application/json"}
     ).headers["allow"]
+
+
+def facts(schema: Any) -> Any:
+    """Return a JSON Schema without its names and the descriptions of its objects."""
+    if isinstance(schema, list):
+        return [facts(entry) for entry in schema]
+    if not isinstance(schema, dict):
+        return schema
+    left_out = {"title"} | ({"description"} if "properties" in schema else set())
+    return {key: facts(value) for key, value in schema.items() if key not in left_out}
+
+
+def test_a_target_is_the_same_in_a_submission_and_in_a_scene() -> None:
+    assert facts(Target.model_json_schema()) == facts(TargetError.model_json_schema())
