@@ -10,6 +10,7 @@
 #include "optics/microfacet.h"
 #include "param_value.h"
 #include "sampling/photon_guide.h"
+#include "texel_grid.h"
 
 namespace py = pybind11;
 
@@ -77,9 +78,8 @@ class PyMaterials {
     PyMaterials(const std::vector<py::dict>& materials, const std::vector<Array<float>>& textures,
                 const std::string& wrap) {
         for (const auto& t : textures)
-            textures_.add(ImageTexture(int(t.shape(1)), int(t.shape(0)),
-                                       std::vector<float>(t.data(), t.data() + t.size()),
-                                       wrap_from_name(wrap, ""), ""));
+            textures_.add(ImageTexture(
+                texel_grid(t), {wrap_from_name(wrap, ""), TextureFilter::kBilinear, 0, {}}, ""));
         std::vector<MaterialDescription> descriptions;
         for (const auto& m : materials) {
             MaterialDescription d;
@@ -102,10 +102,10 @@ class PyMaterials {
         SurfacePoint p{};
         p.n_g = v3(point["n_g"].cast<V>());
         p.n_s = v3(point["n_s"].cast<V>());
-        if (point.contains("dpdu")) p.dpdu = v3(point["dpdu"].cast<V>());
+        if (point.contains("dpdu")) p.first.dpdu = v3(point["dpdu"].cast<V>());
         if (point.contains("uv")) {
             const auto uv = point["uv"].cast<std::array<float, 2>>();
-            p.uv = {uv[0], uv[1]};
+            p.first.uv = {uv[0], uv[1]};
         }
         return std::make_unique<Bsdf>(*table_, material, p, v3(wo), eta_rel);
     }
@@ -127,11 +127,11 @@ class PyMaterials {
     }
 
     float pass_through(int material, float u, float v) const {
-        return table_->pass_through(material, {u, v});
+        return table_->pass_through(material, {{Vec2f{u, v}, Vec2f{u, v}}, {}});
     }
 
     py::array_t<float> emission(int material, float u, float v) const {
-        const Spectrumf e = table_->emission(material, {u, v});
+        const Spectrumf e = table_->emission(material, {{Vec2f{u, v}, Vec2f{u, v}}, {}});
         return py::array_t<float>(3, e.v);
     }
 

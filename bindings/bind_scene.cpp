@@ -9,6 +9,7 @@
 #include "base/parallel.h"
 #include "param_value.h"
 #include "scene/scene.h"
+#include "texel_grid.h"
 
 namespace py = pybind11;
 
@@ -75,11 +76,17 @@ void set_camera(RenderDescription& d, const std::string& type, const Triple& ori
     d.camera = c;
 }
 
-int add_texture(RenderDescription& d, const Array<float>& pixels, const std::string& wrap,
-                const std::string& pointer) {
-    auto data = image(pixels, "texture");
-    return d.textures.add(ImageTexture(int(pixels.shape(1)), int(pixels.shape(0)), std::move(data),
-                                       wrap_from_name(wrap, pointer), pointer));
+int add_texture(RenderDescription& d, const py::array& pixels, const std::string& wrap,
+                const std::string& filter, bool srgb, int uv_set,
+                const std::array<float, 6>& transform, const std::string& pointer) {
+    if (uv_set < 0 || uv_set > 1) throw py::value_error("uv_set must be 0 or 1");
+    const auto& t = transform;
+    return d.textures.add(ImageTexture(texel_grid(pixels, srgb),
+                                       {wrap_from_name(wrap, pointer),
+                                        filter_from_name(filter, pointer),
+                                        uv_set,
+                                        {t[0], t[1], t[2], t[3], {t[4], t[5]}}},
+                                       pointer));
 }
 
 int add_material(RenderDescription& d, const std::string& type, const py::dict& params,
@@ -104,12 +111,13 @@ int add_material(RenderDescription& d, const std::string& type, const py::dict& 
 
 void add_mesh(RenderDescription& d, const py::object& positions, const py::object& triangles,
               const py::object& normals, const py::object& uv, int material,
-              const std::string& name, const std::string& pointer) {
+              const std::string& name, const std::string& pointer, const py::object& uv1) {
     MeshDescription m;
     m.positions = rows<float>(positions, 3, "positions");
     m.triangles = rows<std::uint32_t>(triangles, 3, "triangles");
     m.normals = rows<float>(normals, 3, "normals");
     m.uv = rows<float>(uv, 2, "uv");
+    m.uv1 = rows<float>(uv1, 2, "uv1");
     m.material = material;
     m.name = name;
     m.pointer = pointer;
@@ -142,6 +150,8 @@ void bind_description(py::module_& m) {
              py::arg("blades") = 0, py::arg("blade_rotation_deg") = 0.0,
              py::arg("aperture_ratio") = 1.0)
         .def("add_texture", &add_texture, py::arg("pixels"), py::arg("wrap") = "repeat",
+             py::kw_only(), py::arg("filter") = "bilinear", py::arg("srgb") = false,
+             py::arg("uv_set") = 0, py::arg("transform") = std::array<float, 6>{1, 0, 0, 1, 0, 0},
              py::arg("pointer") = "")
         .def("add_material", &add_material, py::arg("type"), py::arg("params"),
              py::arg("emission") = py::none(), py::arg("opacity") = py::none(),
@@ -149,7 +159,7 @@ void bind_description(py::module_& m) {
              py::arg("pointer") = "", py::arg("maps") = py::dict())
         .def("add_mesh", &add_mesh, py::arg("positions"), py::arg("triangles"),
              py::arg("normals") = py::none(), py::arg("uv") = py::none(), py::arg("material") = 0,
-             py::arg("name") = "", py::arg("pointer") = "")
+             py::arg("name") = "", py::arg("pointer") = "", py::arg("uv1") = py::none())
         .def(
             "add_sphere",
             [](RenderDescription& d, const Triple& center, double radius, int material,

@@ -10,6 +10,7 @@ void bind_scene(pybind11::module_& m);
 void bind_film(pybind11::module_& m);
 void bind_render(pybind11::module_& m);
 void bind_replay(pybind11::module_& m);
+void bind_texture(pybind11::module_& m);
 }  // namespace matiere
 
 PYBIND11_MODULE(_core, m) {
@@ -22,4 +23,5 @@ PYBIND11_MODULE(_core, m) {
     matiere::bind_film(m);
     matiere::bind_render(m);
     matiere::bind_replay(m);
+    matiere::bind_texture(m);
 }

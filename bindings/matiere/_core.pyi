@@ -69,7 +69,15 @@ class RenderDescription:
         aperture_ratio: float = ...,
     ) -> None: ...
     def add_texture(
-        self, pixels: NDArray[np.float32], wrap: str = ..., pointer: str = ...
+        self,
+        pixels: NDArray[Any],
+        wrap: str = ...,
+        *,
+        filter: str = ...,
+        srgb: bool = ...,
+        uv_set: int = ...,
+        transform: tuple[float, float, float, float, float, float] = ...,
+        pointer: str = ...,
     ) -> int: ...
     def add_material(
         self,
@@ -92,6 +100,7 @@ class RenderDescription:
         material: int = ...,
         name: str = ...,
         pointer: str = ...,
+        uv1: NDArray[np.float32] | None = ...,
     ) -> None: ...
     def add_sphere(
         self, center: Triple, radius: float, material: int, pointer: str = ...

@@ -96,6 +96,69 @@ def read_color(path: str | os.PathLike[str]) -> ColorImage:
     return ColorImage(pixels, decoded.integer, chromaticities)
 
 
+class TextureImage(NamedTuple):
+    """An image as (H, W, 1) or (H, W, 3) texels, in the number format of its file."""
+
+    pixels: NDArray[Any]  # uint8, uint16, float16 or float32
+    integer: bool
+    chromaticities: tuple[float, ...] | None
+
+
+_KEPT = {"uint8": np.uint8, "uint16": np.uint16, "half": np.float16, "float": np.float32}
+
+
+def read_texture(path: str | os.PathLike[str], channel: str | None = None) -> TextureImage:
+    """Read an image without widening its texels; `channel` (r, g, b or a) takes one of them.
+
+    Without `channel` grey stays one channel, and alpha is left out. Formats other than 8 and 16
+    bit, half and float become float. Raises ImageError if the file cannot be decoded or lacks the
+    channel.
+    """
+    oiio = load_oiio()
+    name = os.fspath(path)
+    config = oiio.ImageSpec()
+    config.attribute("oiio:UnassociatedAlpha", 1)
+    source = oiio.ImageInput.open(name, config)
+    if source is None:
+        raise ImageError(_reason(f"cannot read the image {name!r}", oiio.geterror()))
+    try:
+        spec = source.spec()
+        if spec.width * spec.height * spec.depth * spec.nchannels > MAX_READ_VALUES:
+            size = f"{spec.width} x {spec.height} pixels with {spec.nchannels} channels"
+            raise ImageError(f"the image {name!r} is too large ({size})")
+        wanted = _wanted(list(spec.channelnames), channel, name)
+        kind = str(spec.format) if str(spec.format) in _KEPT else "float"
+        first, last = min(wanted), max(wanted) + 1
+        raw = source.read_image(0, 0, first, last, kind)
+        if raw is None:
+            raise ImageError(_reason(f"cannot decode the image {name!r}", source.geterror()))
+        array = np.asarray(raw).view(_KEPT[kind]).reshape(spec.height, spec.width, last - first)
+        if [i - first for i in wanted] != list(range(last - first)):
+            array = array[:, :, [i - first for i in wanted]]
+        said = spec.getattribute("chromaticities")
+        colours = tuple(map(float, said)) if said is not None and len(said) == 8 else None
+        integer = str(spec.format) in _INTEGER_KINDS
+        return TextureImage(np.ascontiguousarray(array), integer, colours)
+    finally:
+        source.close()
+
+
+def _wanted(names: list[str], channel: str | None, file: str) -> list[int]:
+    """Return the indices of the channels that a texture takes."""
+    known = [name.upper() for name in names]
+    grey = len(names) < 3 and not all(c in known for c in "RGB")
+    if channel is None:
+        if all(c in known for c in "RGB"):
+            return [known.index(c) for c in "RGB"]
+        return [0] if grey else [0, 1, 2]
+    if channel.upper() in known:
+        return [known.index(channel.upper())]
+    if grey and channel != "a":
+        return [0]
+    have = ", ".join(names)
+    raise ImageError(f"the image {file!r} has no channel {channel!r}; it has {have}")
+
+
 def srgb_to_linear(encoded: NDArray[Any]) -> Image:
     """Decode sRGB values in [0, 1] to linear light (IEC 61966-2-1)."""
     x = np.asarray(encoded, np.float64)

@@ -57,6 +57,19 @@ CameraRay Camera::ray(Vec2f raster, Vec2f lens) const {
     return {origin_ + offset, normalize(through * focus_distance_ - offset)};
 }
 
+PixelFootprint Camera::footprint() const {
+    switch (type_) {
+        case CameraType::kOrthographic:
+            return {scale_, 0};
+        case CameraType::kPanorama:
+            return {0, kPi<float> / height_};
+        case CameraType::kMaterialProbe:
+            return {};  // all pixels look at one point
+        default:
+            return {0, scale_};
+    }
+}
+
 /// The whole sphere by longitude and latitude, forward in the middle.
 CameraRay Camera::panorama(Vec2f raster) const {
     const float phi = 2 * kPi<float> * (raster.x / width_ - 0.5F);

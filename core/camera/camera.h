@@ -25,6 +25,11 @@ struct CameraRay {
     bool sees = true;         ///< false outside the picture of a material probe
 };
 
+/// How wide one pixel is: at the camera, and how fast that grows with the distance.
+struct PixelFootprint {
+    float width = 0, spread = 0;  ///< metres; metres per metre
+};
+
 /// x grows to the right, y downwards.
 class Camera {
  public:
@@ -35,6 +40,7 @@ class Camera {
     /// Raster position in pixels of the whole film, lens sample in [0, 1)^2.
     CameraRay ray(Vec2f raster, Vec2f lens) const;
     Vec3f origin() const { return origin_; }
+    PixelFootprint footprint() const;
     bool has_lens() const { return aperture_radius_ > 0; }
 
  private:

@@ -26,7 +26,7 @@ Spectrumf walk(const Scene& scene, Ray ray, InteriorStack inside, Counters& coun
         const bool interior = scene.materials()[s.material].has_interior;
         const bool entering = dot(s.point.n_g, ray.direction) < 0;
         if (!interior || !cross_interface(scene.materials(), s.material, entering, inside).hidden) {
-            result *= scene.materials().pass_through(s.material, s.point.uv);
+            result *= scene.materials().pass_through(s.material, s.point.texture_point());
             if (result.is_black()) return {};
         }
         if (interior) move_through(scene, s, entering, inside, counters);

@@ -9,6 +9,7 @@
 #include "integrator/guided_bsdf.h"
 #include "integrator/integrator.h"
 #include "integrator/path_record.h"
+#include "integrator/ray_cone.h"
 #include "integrator/visibility.h"
 #include "material/bsdf_for.h"
 #include "sampling/mis.h"
@@ -44,7 +45,8 @@ class Walk {
           settings_(settings),
           sampler_(sampler),
           counters_(counters),
-          record_(record) {
+          record_(record),
+          cone_(scene.camera().footprint()) {
         if constexpr (kInteriors) interior_ = scene.camera_interior();
     }
 
@@ -62,7 +64,9 @@ class Walk {
                 escape();
                 break;
             }
-            const SurfaceHit s = scene_.surface<F>(ray_, hit);
+            SurfaceHit s = scene_.surface<F>(ray_, hit);
+            if constexpr (kTextured)
+                if (scene_.prefilters()) cone_.meet(s.point, hit.t, ray_.direction);
             if constexpr (kRecording) arrive(s, hit.t);
             float eta_rel = 1;
             if constexpr (kInteriors)
@@ -83,6 +87,7 @@ class Walk {
     static constexpr bool kInteriors = has(F, kNeedsInteriors);
     static constexpr bool kPasses = has(F, kNeedsPassing);
     static constexpr bool kRecording = has(F, kRecords);
+    static constexpr bool kTextured = has(F, kNeedsTextures);
     using BsdfHere = BsdfFor<F & kKernelFeatures>;
 
     const MaterialRecord& material(const SurfaceHit& s) const {
@@ -155,7 +160,7 @@ class Walk {
     void add_emission(const SurfaceHit& s) {
         if (s.light < 0) return;
         const bool front = dot(s.point.n_g, ray_.direction) < 0;
-        const Spectrumf radiance = scene_.lights().emitted(s.light, s.point.uv, front);
+        const Spectrumf radiance = scene_.lights().emitted(s.light, s.point.texture_point(), front);
         if (radiance.is_black()) return;
         const LightHit hit{s.light, s.primitive, s.point.p, s.point.n_g};
         const float pdf = specular_ ? 0 : scene_.lights().pdf(from_, hit);
@@ -201,6 +206,8 @@ class Walk {
         ++depth_;
         specular_ = (sample->lobe & kSpecular) != 0;
         bsdf_pdf_ = sample->pdf;
+        if constexpr (kTextured)
+            if (!specular_) cone_.scatter(sample->pdf);
         from_ = s.point.p;
         if (has(F, kNeedsModels) && (sample->lobe & kTransmission) != 0) {
             eta_scale_ *= sample->eta * sample->eta;
@@ -342,6 +349,7 @@ class Walk {
     const Sampler& sampler_;
     Counters& counters_;
     [[no_unique_address]] Record record_;
+    [[no_unique_address]] std::conditional_t<kTextured, RayCone, NoCone> cone_;
     [[no_unique_address]] std::conditional_t<kInteriors, InteriorStack, NoInteriors> interior_;
     Ray ray_;
     Vec3f from_;  // the last scattering point: densities of light sampling are seen from there

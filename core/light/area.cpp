@@ -41,8 +41,11 @@ std::optional<ShapeSample> MeshShape::sample(Vec3f reference, const SampleBlock&
     Vec2f uv{s.x, s.y};
     if (!mesh_->uv.empty())
         uv = mesh_->texcoord(a) * w0 + mesh_->texcoord(b) * s.x + mesh_->texcoord(c) * s.y;
-    return ShapeSample{p, n, error, uv,
-                       area_to_solid_angle(pdf_area_[choice.index], p - reference, n)};
+    Vec2f uv1 = uv;
+    if (!mesh_->uv1.empty())
+        uv1 = mesh_->texcoord1(a) * w0 + mesh_->texcoord1(b) * s.x + mesh_->texcoord1(c) * s.y;
+    return ShapeSample{
+        p, n, error, uv, area_to_solid_angle(pdf_area_[choice.index], p - reference, n), uv1};
 }
 
 float MeshShape::pdf(Vec3f reference, std::uint32_t triangle, Vec3f p, Vec3f n) const {
@@ -92,7 +95,7 @@ ShapeSample SphereShape::sample(Vec3f reference, const SampleBlock& u) const {
     n = normalize(n);
     const Vec3f p = sphere.center + n * sphere.radius;
     const Vec3f error = (abs(sphere.center) + abs(n) * sphere.radius) * gamma_bound<float>(6);
-    return {p, n, error, s, pdf(reference, p, n)};
+    return {p, n, error, {}, pdf(reference, p, n)};
 }
 
 float SphereShape::pdf(Vec3f reference, Vec3f p, Vec3f n) const {

@@ -12,6 +12,7 @@
 #include "sampling/sampler.h"
 #include "shape/mesh.h"
 #include "shape/sphere.h"
+#include "texture/texture.h"
 
 namespace matiere {
 
@@ -21,6 +22,9 @@ struct ShapeSample {
     Vec3f error;  ///< absolute bound on the rounding of p
     Vec2f uv;     ///< texture coordinates
     float pdf;    ///< per solid angle at the reference point
+    Vec2f uv1{};  ///< of the second set; `uv` where the shape has none
+
+    TexturePoint texture_point() const { return {{uv, uv1}, {}}; }
 };
 
 /// Converts a density per area into one per solid angle; zero at grazing and coincident points.

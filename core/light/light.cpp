@@ -178,56 +178,58 @@ std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& 
     const auto choice = choose(reference, u.bits[0]);
     if (!choice) return std::nullopt;
     auto found = std::visit(
-        Overload{
-            [&](const PointLight& l) -> std::optional<LightSample> {
-                const Vec3f to_light = l.position - reference;
-                const float d2 = length_squared(to_light);
-                if (!(d2 > 0)) return std::nullopt;
-                auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
-                s.p = l.position;
-                return s;
-            },
-            [&](const SpotLight& l) -> std::optional<LightSample> {
-                const Vec3f to_light = l.position - reference;
-                const float d2 = length_squared(to_light);
-                if (!(d2 > 0)) return std::nullopt;
-                const Vec3f wi = to_light * (1 / std::sqrt(d2));
-                const float share = l.falloff(-wi);
-                if (share == 0) return std::nullopt;
-                auto s = delta_sample(wi, l.intensity * (share / d2));
-                s.p = l.position;
-                return s;
-            },
-            [&](const DirectionalLight& l) -> std::optional<LightSample> {
-                auto s = delta_sample(-l.direction, l.irradiance);
-                s.infinite = true;
-                return s;
-            },
-            [&](const RectangleLight& l) {
-                return if_any(
-                    shape_sample(reference, l.shape.sample(reference, u), l.radiance, false));
-            },
-            [&](const MeshLight& l) -> std::optional<LightSample> {
-                const auto s = l.shape.sample(reference, u);
-                if (!s) return std::nullopt;
-                return if_any(shape_sample(reference, *s, materials_->emission(l.material, s->uv),
-                                           (*materials_)[l.material].two_sided));
-            },
-            [&](const SphereLight& l) {
-                const auto s = l.shape.sample(reference, u);
-                return if_any(shape_sample(reference, s, materials_->emission(l.material, s.uv),
-                                           (*materials_)[l.material].two_sided));
-            },
-            [&](const EnvironmentTag&) -> std::optional<LightSample> {
-                const auto e = environment_->sample(u);
-                if (!e || !(e->pdf > 0)) return std::nullopt;
-                LightSample s;
-                s.wi = e->wi;
-                s.weight = e->radiance * (1 / e->pdf);
-                s.pdf = e->pdf;
-                s.infinite = true;
-                return s;
-            }},
+        Overload{[&](const PointLight& l) -> std::optional<LightSample> {
+                     const Vec3f to_light = l.position - reference;
+                     const float d2 = length_squared(to_light);
+                     if (!(d2 > 0)) return std::nullopt;
+                     auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
+                     s.p = l.position;
+                     return s;
+                 },
+                 [&](const SpotLight& l) -> std::optional<LightSample> {
+                     const Vec3f to_light = l.position - reference;
+                     const float d2 = length_squared(to_light);
+                     if (!(d2 > 0)) return std::nullopt;
+                     const Vec3f wi = to_light * (1 / std::sqrt(d2));
+                     const float share = l.falloff(-wi);
+                     if (share == 0) return std::nullopt;
+                     auto s = delta_sample(wi, l.intensity * (share / d2));
+                     s.p = l.position;
+                     return s;
+                 },
+                 [&](const DirectionalLight& l) -> std::optional<LightSample> {
+                     auto s = delta_sample(-l.direction, l.irradiance);
+                     s.infinite = true;
+                     return s;
+                 },
+                 [&](const RectangleLight& l) {
+                     return if_any(
+                         shape_sample(reference, l.shape.sample(reference, u), l.radiance, false));
+                 },
+                 [&](const MeshLight& l) -> std::optional<LightSample> {
+                     const auto s = l.shape.sample(reference, u);
+                     if (!s) return std::nullopt;
+                     return if_any(shape_sample(
+                         reference, *s, materials_->emission(l.material, s->texture_point()),
+                         (*materials_)[l.material].two_sided));
+                 },
+                 [&](const SphereLight& l) {
+                     auto s = l.shape.sample(reference, u);
+                     if ((*materials_)[l.material].textured()) s.uv = s.uv1 = sphere_uv(s.n);
+                     return if_any(shape_sample(reference, s,
+                                                materials_->emission(l.material, s.texture_point()),
+                                                (*materials_)[l.material].two_sided));
+                 },
+                 [&](const EnvironmentTag&) -> std::optional<LightSample> {
+                     const auto e = environment_->sample(u);
+                     if (!e || !(e->pdf > 0)) return std::nullopt;
+                     LightSample s;
+                     s.wi = e->wi;
+                     s.weight = e->radiance * (1 / e->pdf);
+                     s.pdf = e->pdf;
+                     s.infinite = true;
+                     return s;
+                 }},
         lights_[choice->light]);
     if (!found) return std::nullopt;
     found->light = int(choice->light);
@@ -248,9 +250,9 @@ float LightSet::pdf(Vec3f reference, const LightHit& hit) const {
     return pdf > 0 ? pdf * probability(reference, i) : 0.0F;
 }
 
-Spectrumf LightSet::emitted(int light, Vec2f uv, bool front) const {
+Spectrumf LightSet::emitted(int light, const TexturePoint& at, bool front) const {
     const auto of_material = [&](int material) {
-        return front || (*materials_)[material].two_sided ? materials_->emission(material, uv)
+        return front || (*materials_)[material].two_sided ? materials_->emission(material, at)
                                                           : Spectrumf();
     };
     return std::visit(

@@ -127,7 +127,7 @@ class LightSet {
     float pdf(Vec3f reference, const LightHit& hit) const;
     float pdf_environment(Vec3f direction) const;
     /// Radiance leaving a surface light towards the front or the back of its surface.
-    Spectrumf emitted(int light, Vec2f uv, bool front) const;
+    Spectrumf emitted(int light, const TexturePoint& at, bool front) const;
 
  private:
     struct Choice {

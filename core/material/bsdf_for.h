@@ -38,9 +38,10 @@ class AnyModelAt {
     /// Whether f and weight are finite where the density is.
     static constexpr bool kBounded = false;
 
-    void set(const MaterialTable& table, const MaterialRecord& record, Vec2f uv, float eta_rel) {
+    void set(const MaterialTable& table, const MaterialRecord& record, const SurfacePoint& point,
+             float eta_rel) {
         if (record.made_at_hits)
-            own_ = record.recipe.at(table.textures(), uv, eta_rel, nested_);
+            own_ = record.recipe.at(table.textures(), point.texture_point(), eta_rel, nested_);
         else
             constant_ = &record.recipe.model();
     }
@@ -63,7 +64,7 @@ class ConstantModelAt {
  public:
     static constexpr bool kBounded = false;
 
-    void set(const MaterialTable&, const MaterialRecord& record, Vec2f, float) {
+    void set(const MaterialTable&, const MaterialRecord& record, const SurfacePoint&, float) {
         model_ = &record.recipe.model();
     }
     BsdfEval<float> eval(Vec3f wo, Vec3f wi) const { return eval_model<float>(*model_, wo, wi); }
@@ -81,7 +82,7 @@ class LambertAt {
  public:
     static constexpr bool kBounded = true;
 
-    void set(const MaterialTable&, const MaterialRecord& record, Vec2f, float) {
+    void set(const MaterialTable&, const MaterialRecord& record, const SurfacePoint&, float) {
         model_ = std::get_if<Lambert<float>>(&record.recipe.model());
     }
     BsdfEval<float> eval(Vec3f wo, Vec3f wi) const { return model_->eval(wo, wi); }
@@ -115,12 +116,12 @@ class BsdfFor {
         }
         n_s = bend_towards(n_s, wo, n_g_);
         if (has(F, kNeedsTangents) && (record.features & kFeatureAnisotropic) != 0)
-            frame_ = Framef::from_normal_tangent(n_s, point.dpdu);
+            frame_ = Framef::from_normal_tangent(n_s, point.first.dpdu);
         else
             frame_ = Framef::from_normal(n_s);
-        model_.set(table, record, point.uv, eta_rel);
+        model_.set(table, record, point, eta_rel);
         if constexpr (has(F, kNeedsPassing))
-            if (record.passes) opacity_ = table.opacity(material, point.uv);
+            if (record.passes) opacity_ = table.opacity(material, point.texture_point());
     }
     BsdfFor(const BsdfFor&) = delete;  // a model may point into its own nested ones
     BsdfFor& operator=(const BsdfFor&) = delete;

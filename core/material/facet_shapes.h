@@ -42,7 +42,7 @@ struct FacetShape {
         const double theta = std::atan2(std::sqrt(h.x * h.x + h.y * h.y), h.z);
         const double half_row = 0.5 / image->height();  // the ends must not wrap into each other
         const double v = std::clamp(1.0 - theta / (kPi<double> / 2), half_row, 1.0 - half_row);
-        return double(image->lookup({float(turn - std::floor(turn)), float(v)})[0]);
+        return double(image->fine_at({float(turn - std::floor(turn)), float(v)})[0]);
     }
 
     double one(Vec3d h, double angle) const {

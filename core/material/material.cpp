@@ -112,16 +112,16 @@ MaterialTable::MaterialTable(const std::vector<MaterialDescription>& description
     for (const auto& d : descriptions) records_.push_back(make_record(d, textures, *tables_));
 }
 
-Spectrumf MaterialTable::emission(int material, Vec2f uv) const {
+Spectrumf MaterialTable::emission(int material, const TexturePoint& at) const {
     const MaterialRecord& r = (*this)[material];
     const Spectrumf full =
-        r.emission_texture < 0 ? r.emission : (*textures_)[r.emission_texture].lookup(uv);
-    return r.passes ? full * opacity(material, uv) : full;
+        r.emission_texture < 0 ? r.emission : (*textures_)[r.emission_texture].fine(at);
+    return r.passes ? full * opacity(material, at) : full;
 }
 
-float MaterialTable::opacity(int material, Vec2f uv) const {
+float MaterialTable::opacity(int material, const TexturePoint& at) const {
     const MaterialRecord& r = (*this)[material];
-    return r.opacity_texture < 0 ? r.opacity : (*textures_)[r.opacity_texture].lookup(uv)[0];
+    return r.opacity_texture < 0 ? r.opacity : (*textures_)[r.opacity_texture].fine(at)[0];
 }
 
 Vec3f MaterialTable::shading_normal(int material, const SurfacePoint& point) const {
@@ -132,17 +132,17 @@ Vec3f MaterialTable::shading_normal(int material, const SurfacePoint& point) con
     return n;
 }
 
-float MaterialTable::pass_through(int material, Vec2f uv) const {
+float MaterialTable::pass_through(int material, const TexturePoint& at) const {
     const MaterialRecord& r = (*this)[material];
     if (!r.passes) return 0.0F;
     float null_share = 0.0F;
     if ((r.recipe.lobes() & kNull) != 0) {
         NestedModels<float> nested;
         null_share = r.recipe.textured()
-                         ? model_null_share<float>(r.recipe.at(*textures_, uv, 1.0F, nested))
+                         ? model_null_share<float>(r.recipe.at(*textures_, at, 1.0F, nested))
                          : model_null_share<float>(r.recipe.model());
     }
-    return 1.0F - opacity(material, uv) * (1.0F - null_share);
+    return 1.0F - opacity(material, at) * (1.0F - null_share);
 }
 
 }  // namespace matiere

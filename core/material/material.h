@@ -49,15 +49,15 @@ class MaterialTable {
     const MaterialRecord& operator[](int i) const { return records_[std::size_t(i)]; }
     const TextureTable& textures() const { return *textures_; }
     /// Emitted radiance at a point [W/m^2/sr], as much of it as opacity leaves.
-    Spectrumf emission(int material, Vec2f uv) const;
+    Spectrumf emission(int material, const TexturePoint& at) const;
     Spectrumf mean_emission(int material) const {
         return (*this)[material].emission * (*this)[material].opacity;
     }
-    float opacity(int material, Vec2f uv) const;
+    float opacity(int material, const TexturePoint& at) const;
     /// The shading normal with the material's normal and bump maps, on the outside.
     Vec3f shading_normal(int material, const SurfacePoint& point) const;
     /// Share of light that a surface lets straight through at a point, at every angle.
-    float pass_through(int material, Vec2f uv) const;
+    float pass_through(int material, const TexturePoint& at) const;
 
  private:
     std::vector<MaterialRecord> records_;

@@ -21,16 +21,30 @@ inline Vec3f kept_outside(Vec3f n, Vec3f n_g) {
     return normalize(c >= kMinMappedCosine ? n : n + n_g * (kMinMappedCosine - c));
 }
 
+/// The frame of a map's own coordinates: of its uv set, turned and stretched by its transform.
+inline UvFrame map_frame(const ImageTexture& map, const SurfacePoint& point) {
+    UvFrame frame = point.frame(map.uv_set());
+    const UvTransform& t = map.transform();
+    frame.uv = map.coordinates(frame.uv);
+    if (t.is_identity()) return frame;
+    const float inverse = 1.0F / t.determinant();
+    const Vec3f dpdu = frame.dpdu, dpdv = frame.dpdv;
+    frame.dpdu = (dpdu * t.d - dpdv * t.c) * inverse;
+    frame.dpdv = (dpdv * t.a - dpdu * t.b) * inverse;
+    return frame;
+}
+
 /// `n` is the interpolated normal. A shape without texture coordinates keeps it.
 inline Vec3f map_normal(const ImageTexture& map, const SurfacePoint& point, Vec3f n) {
-    const Vec3f tangent = point.dpdu - n * dot(n, point.dpdu);
+    const UvFrame frame = map_frame(map, point);
+    const Vec3f tangent = frame.dpdu - n * dot(n, frame.dpdu);
     const float l2 = length_squared(tangent);
     if (!(l2 > 0.0F) || !std::isfinite(l2)) return n;
     const Vec3f t = tangent * (1.0F / std::sqrt(l2));
     const Vec3f across = cross(n, t);
     // Mirrored texture coordinates turn the bitangent over.
-    const Vec3f b = dot(across, point.dpdv) < 0.0F ? -across : across;
-    const Spectrumf rgb = map.lookup(point.uv);
+    const Vec3f b = dot(across, frame.dpdv) < 0.0F ? -across : across;
+    const Spectrumf rgb = map.fine_at(frame.uv);
     const Vec3f m =
         t * (2.0F * rgb[0] - 1.0F) + b * (2.0F * rgb[1] - 1.0F) + n * (2.0F * rgb[2] - 1.0F);
     if (!(length_squared(m) > 1e-12F)) return n;
@@ -40,12 +54,13 @@ inline Vec3f map_normal(const ImageTexture& map, const SurfacePoint& point, Vec3
 /// n - grad h, h the height over the surface; its slope by differences over one texel.
 inline Vec3f bump_normal(const ImageTexture& map, float height, const SurfacePoint& point,
                          Vec3f n) {
-    const Vec3f along_u = cross(point.dpdv, n), along_v = cross(n, point.dpdu);
-    const float area = dot(point.dpdu, along_u) * point.uv_scale;
+    const UvFrame frame = map_frame(map, point);
+    const Vec3f along_u = cross(frame.dpdv, n), along_v = cross(n, frame.dpdu);
+    const float area = dot(frame.dpdu, along_u) * frame.uv_scale;
     if (area == 0.0F || !std::isfinite(area)) return n;
     const float du = 0.5F / float(map.width()), dv = 0.5F / float(map.height());
     const auto h = [&](float u, float v) {
-        return map.lookup({point.uv.x + u, point.uv.y + v})[0];
+        return map.bilinear_at({frame.uv.x + u, frame.uv.y + v})[0];
     };
     const float h_u = (h(du, 0) - h(-du, 0)) * float(map.width());
     const float h_v = (h(0, dv) - h(0, -dv)) * float(map.height());

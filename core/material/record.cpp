@@ -407,7 +407,7 @@ int ModelRecipe<R>::nested_count() const {
 }
 
 template <class R>
-AnyModel<R> ModelRecipe<R>::at(const TextureTable& textures, Vec2f uv, R eta_rel,
+AnyModel<R> ModelRecipe<R>::at(const TextureTable& textures, const TexturePoint& point, R eta_rel,
                                NestedModels<R>& room) const {
     AnyModel<R> at_hit;
     visit_model(made.model, [&]<class M>(const M& m) {
@@ -420,11 +420,11 @@ AnyModel<R> ModelRecipe<R>::at(const TextureTable& textures, Vec2f uv, R eta_rel
             constexpr std::size_t kIndex = AnyModel<R>(std::in_place_type<M>).index();
             auto completed = std::get<kIndex>(params);
             for (const TextureSlot& slot : slots)
-                apply_slot(completed, slot, spectrum_cast<R>(textures[slot.texture].lookup(uv)));
+                apply_slot(completed, slot, spectrum_cast<R>(textures[slot.texture].lookup(point)));
             for (const NestedSlot<R>& slot : nested)
                 if (slot.recipe->textured() || slot.recipe->interface())
                     apply_nested(completed, slot.row,
-                                 room.add(slot.recipe->at(textures, uv, eta_rel, room)));
+                                 room.add(slot.recipe->at(textures, point, eta_rel, room)));
             const M prepared = M::prepare(completed);
             if constexpr (InterfaceModel<M, R>)
                 at_hit = prepared.at_interface(eta_rel);

@@ -74,7 +74,7 @@ struct ModelRecipe {
     int nested_count() const;
 
     /// The model at a hit. Interfaces see the relative index `eta_rel` (other side over wo's).
-    AnyModel<R> at(const TextureTable& textures, Vec2f uv, R eta_rel,
+    AnyModel<R> at(const TextureTable& textures, const TexturePoint& point, R eta_rel,
                    NestedModels<R>& nested) const;
 };
 

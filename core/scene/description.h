@@ -31,6 +31,7 @@ struct MeshDescription {
     std::vector<std::uint32_t> triangles;  ///< 3 per triangle, counter-clockwise seen from outside
     std::vector<float> normals;            ///< 3 per vertex, or empty
     std::vector<float> uv;                 ///< 2 per vertex, or empty
+    std::vector<float> uv1;                ///< the second set: 2 per vertex, or empty
     int material = 0;
     std::string name;
     std::string pointer;

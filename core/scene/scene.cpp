@@ -28,8 +28,9 @@ void check_mesh(const MeshDescription& m, int materials) {
     if (!m.normals.empty() && m.normals.size() != m.positions.size())
         throw SceneError("normals", "a mesh needs one normal per vertex or none",
                          m.pointer + "/normals");
-    if (!m.uv.empty() && m.uv.size() != vertices * 2)
-        throw SceneError("uv", "a mesh needs one uv pair per vertex or none", m.pointer + "/uv");
+    for (const auto& [values, name] : {std::pair(&m.uv, "/uv"), std::pair(&m.uv1, "/uv1")})
+        if (!values->empty() && values->size() != vertices * 2)
+            throw SceneError("uv", "a mesh needs one uv pair per vertex or none", m.pointer + name);
     if (m.material < 0 || m.material >= materials)
         throw SceneError("material", "mesh '" + m.name + "' has no material",
                          m.pointer + "/material");
@@ -54,6 +55,7 @@ std::unique_ptr<Mesh> make_mesh(MeshDescription&& d) {
     mesh->indices = std::move(d.triangles);
     mesh->normals = std::move(d.normals);
     mesh->uv = std::move(d.uv);
+    mesh->uv1 = std::move(d.uv1);
     mesh->material = d.material;
     return mesh;
 }
@@ -72,6 +74,10 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
         shadows_walk_ |= (*materials_)[i].passes;
     }
     shadows_walk_ |= interiors > 1;
+    for (int i = 0; i < textures_.size(); ++i) {
+        prefilters_ |= textures_[i].levels() > 1;
+        second_uv_ |= textures_[i].uv_set() == 1;
+    }
 
     add_meshes(std::move(description.meshes));
     add_spheres(description.spheres);
@@ -91,7 +97,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     for (const auto& mesh : meshes_) {
         stats_.triangles += mesh->triangle_count();
         stats_.bytes += 4 * (mesh->positions.size() + mesh->indices.size() + mesh->normals.size() +
-                             mesh->uv.size());
+                             mesh->uv.size() + mesh->uv1.size());
     }
     for (int i = 0; i < textures_.size(); ++i) stats_.bytes += textures_[i].bytes();
     if (const auto* e = lights_->environment()) stats_.bytes += e->bytes();
@@ -105,7 +111,8 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
 void Scene::add_meshes(std::vector<MeshDescription>&& meshes) {
     for (auto& m : meshes) {
         check_mesh(m, materials_->size());
-        if (!reads_uv(*materials_, m.material)) m.uv = {};
+        if (!reads_uv(*materials_, m.material)) m.uv = m.uv1 = {};
+        if (!second_uv_) m.uv1 = {};
         meshes_.push_back(make_mesh(std::move(m)));
     }
 }

@@ -54,6 +54,8 @@ class Scene {
     /// Whether shadow rays must look at what they meet: media can overlap, so that interfaces lie
     /// hidden, or surfaces let light straight through.
     bool shadows_walk() const { return shadows_walk_; }
+    /// Whether a texture has mip levels, so that paths must know how wide they are.
+    bool prefilters() const { return prefilters_; }
     const std::vector<std::unique_ptr<Mesh>>& meshes() const { return meshes_; }
     const std::vector<Sphere>& spheres() const { return spheres_; }
     /// Where light arrives by way of mirrors and lenses; null where no such light is hard to find.
@@ -80,7 +82,7 @@ class Scene {
     EmbreeScene accel_;
     InteriorStack camera_interior_;
     PhotonGuide caustics_;
-    bool shadows_walk_ = false;
+    bool shadows_walk_ = false, prefilters_ = false, second_uv_ = false;
     Features features_ = 0;
     SceneStats stats_;
 };

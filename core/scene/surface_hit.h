@@ -29,21 +29,34 @@ struct SurfaceHit {
 template <Features F>
 inline constexpr bool kReadsUv = has(F, kNeedsTextures | kNeedsMaps | kNeedsTangents);
 
-/// Texture coordinates and tangents at the barycentric weights (w0, w1, w2) of triangle (a, b, c).
+/// Texture coordinates and tangents at the barycentric weights w of a triangle with the edges e1
+/// and e2 and the coordinates t at its corners.
+inline UvFrame triangle_uv(Vec3f e1, Vec3f e2, const std::array<Vec2f, 3>& t, Vec3f w) {
+    UvFrame frame;
+    frame.uv = t[0] * w.x + t[1] * w.y + t[2] * w.z;
+    const Vec2f d1 = t[1] - t[0], d2 = t[2] - t[0];
+    const float det = difference_of_products(d1.x, d2.y, d1.y, d2.x);
+    if (det == 0) return frame;
+    frame.dpdu = (e1 * d2.y - e2 * d1.y) * std::copysign(1.0F, det);
+    frame.dpdv = (e2 * d1.x - e1 * d2.x) * std::copysign(1.0F, det);
+    frame.uv_scale = 1 / std::abs(det);
+    return frame;
+}
+
+/// Both uv sets at the barycentric weights (w0, w1, w2) of triangle (a, b, c).
 inline void set_uv(const Mesh& mesh, const std::array<std::uint32_t, 3>& corners, Vec3f w,
                    SurfacePoint& point) {
-    point.uv = {w.y, w.z};
-    if (mesh.uv.empty()) return;
+    point.first.uv = {w.y, w.z};
+    if (mesh.uv.empty() && mesh.uv1.empty()) return;
     const auto [a, b, c] = corners;
     const Vec3f p0 = mesh.position(a), e1 = mesh.position(b) - p0, e2 = mesh.position(c) - p0;
-    const Vec2f t0 = mesh.texcoord(a), t1 = mesh.texcoord(b), t2 = mesh.texcoord(c);
-    point.uv = t0 * w.x + t1 * w.y + t2 * w.z;
-    const Vec2f d1 = t1 - t0, d2 = t2 - t0;
-    const float det = difference_of_products(d1.x, d2.y, d1.y, d2.x);
-    if (det == 0) return;
-    point.dpdu = (e1 * d2.y - e2 * d1.y) * std::copysign(1.0F, det);
-    point.dpdv = (e2 * d1.x - e1 * d2.x) * std::copysign(1.0F, det);
-    point.uv_scale = 1 / std::abs(det);
+    if (!mesh.uv.empty())
+        point.first =
+            triangle_uv(e1, e2, {mesh.texcoord(a), mesh.texcoord(b), mesh.texcoord(c)}, w);
+    if (mesh.uv1.empty()) return;
+    point.second =
+        triangle_uv(e1, e2, {mesh.texcoord1(a), mesh.texcoord1(b), mesh.texcoord1(c)}, w);
+    point.has_second = true;
 }
 
 template <Features F>
@@ -89,14 +102,12 @@ inline SurfaceHit sphere_surface(const Sphere& sphere, int light, std::uint32_t 
     s.error = (abs(sphere.center) + abs(n) * sphere.radius) * gamma_bound<float>(7);
     s.point.n_g = s.point.n_s = n;
     if constexpr (kReadsUv<F>) {
-        const float phi = std::atan2(-n.z, n.x);
-        const float theta = std::atan2(std::sqrt(n.x * n.x + n.z * n.z), n.y);
-        s.point.uv = {phi < 0 ? phi * (0.5F * kInvPi<float>)+1 : phi * (0.5F * kInvPi<float>),
-                      1 - theta * kInvPi<float>};
-        s.point.dpdu = {n.z, 0, -n.x};
+        UvFrame& frame = s.point.first;
+        frame.uv = sphere_uv(n);
+        frame.dpdu = {n.z, 0, -n.x};
         const float sine = std::sqrt(n.x * n.x + n.z * n.z);
-        if (sine > 0) s.point.dpdv = Vec3f{-n.x * n.y / sine, sine, -n.z * n.y / sine} * 0.5F;
-        s.point.uv_scale = kTwoPi<float> * sphere.radius;
+        if (sine > 0) frame.dpdv = Vec3f{-n.x * n.y / sine, sine, -n.z * n.y / sine} * 0.5F;
+        frame.uv_scale = kTwoPi<float> * sphere.radius;
     }
     return s;
 }

@@ -14,6 +14,7 @@ struct Mesh {
     std::vector<std::uint32_t> indices;
     std::vector<float> normals;  ///< empty or 3 per vertex
     std::vector<float> uv;       ///< empty or 2 per vertex
+    std::vector<float> uv1;      ///< the second set: empty or 2 per vertex
     int material = -1;           ///< -1: emits only, scatters nothing
     int light = -1;              ///< index of the light this mesh is, if any
 
@@ -29,8 +30,12 @@ struct Mesh {
         const float* p = &normals[std::size_t(v) * 3];
         return {p[0], p[1], p[2]};
     }
-    Vec2f texcoord(std::uint32_t v) const {
-        const float* p = &uv[std::size_t(v) * 2];
+    Vec2f texcoord(std::uint32_t v) const { return pair(uv, v); }
+    Vec2f texcoord1(std::uint32_t v) const { return pair(uv1, v); }
+
+ private:
+    static Vec2f pair(const std::vector<float>& values, std::uint32_t v) {
+        const float* p = &values[std::size_t(v) * 2];
         return {p[0], p[1]};
     }
 };

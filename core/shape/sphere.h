@@ -14,6 +14,14 @@ struct Sphere {
     int material;
 };
 
+/// Longitude about +y from +x, and latitude, of a unit normal: both in [0, 1].
+inline Vec2f sphere_uv(Vec3f n) {
+    const float phi = std::atan2(-n.z, n.x);
+    const float theta = std::atan2(std::sqrt(n.x * n.x + n.z * n.z), n.y);
+    return {phi < 0 ? phi * (0.5F * kInvPi<float>)+1 : phi * (0.5F * kInvPi<float>),
+            1 - theta * kInvPi<float>};
+}
+
 struct SphereRay {
     Vec3f origin, direction;
     float t_min, t_max;

@@ -93,6 +93,11 @@ CHANGES_PIXELS: dict[str, Change] = {
     "no environment": lambda s: s.update(environment=None),
     "texture": lambda s: s["textures"]["t"]["pixels"][0][0].__setitem__(0, 0.5),
     "wrap": lambda s: s["textures"]["t"].update(wrap="clamp"),
+    "texture filter": lambda s: s["textures"]["t"].update(filter="trilinear"),
+    "texture channel": lambda s: s["textures"]["t"].update(channel="g"),
+    "uv set": lambda s: s["textures"]["t"].update(uv_set=1),
+    "texture transform": lambda s: s["textures"]["t"].update(transform={"rotation_deg": 5}),
+    "second uv": lambda s: s["shapes"][1].update(uv1=[[0, 0], [1, 0], [1, 1], [0, 1]]),
 }
 
 SAME_FILM: dict[str, Change] = {

@@ -11,6 +11,7 @@ import pytest
 from malformed import good
 
 import matiere as mt
+from matiere import _core
 from matiere.imageio import Stored, write_stored
 from matiere.scene.textures import REC709, convert_to_rec709, rec709_from
 
@@ -163,14 +164,17 @@ def test_textures_are_decoded_by_their_colour_space(tmp_path: Path, recorded: No
     for space in (None, "sRGB"):
         extra = {} if space is None else {"color_space": space}
         made = described(textured(tmp_path, **extra), tmp_path)
-        ((pixels, wrap),) = made.of("add_texture")
-        assert wrap == "repeat"
-        assert pixels.dtype == np.float32 and pixels.shape == (1, 2, 3)
-        assert np.allclose(pixels[0, 0], [0, 0.0331047666, 0.2158605001], rtol=2e-7)
+        (((pixels, wrap), keys),) = made.calls_of("add_texture")
+        assert wrap == "repeat" and keys["srgb"]
+        assert pixels.dtype == np.uint8 and pixels.shape == (1, 2, 3)
+        decoded = _core.probe.Texture(pixels, srgb=True).level(0)
+        assert np.allclose(decoded[0, 0], [0, 0.0331047666, 0.2158605001], rtol=2e-7)
     for space in ("linear", "data"):
         made = described(textured(tmp_path, color_space=space), tmp_path)
-        ((pixels, _),) = made.of("add_texture")
-        assert np.allclose(pixels[0, 0], [0, 0.2, 128 / 255], rtol=1e-7)
+        (((pixels, _), keys),) = made.calls_of("add_texture")
+        assert not keys["srgb"]
+        decoded = _core.probe.Texture(pixels).level(0)
+        assert np.allclose(decoded[0, 0], [0, 0.2, 128 / 255], rtol=1e-7)
     assert made.of("add_material")[1][1]["albedo"] == ("texture", 0)
 
 

@@ -145,8 +145,15 @@ def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
         with _collected(at, work):
             loaded = load_texture(texture, assets)
             work.spaces[name] = loaded.color_space
+            moved = {} if texture.transform is None else {"transform": texture.transform.matrix}
             work.textures[name] = work.description.add_texture(
-                loaded.pixels, texture.wrap, pointer=at
+                loaded.pixels,
+                texture.wrap,
+                filter=texture.filter,
+                srgb=loaded.encoded,
+                uv_set=texture.uv_set,
+                pointer=at,
+                **moved,
             )
 
 
@@ -278,6 +285,7 @@ def _add_mesh(mesh: PlacedMesh, at: str, work: _Work) -> None:
         None if mesh.uv is None else mesh.uv.astype(np.float32),
         work.materials[mesh.material],
         pointer=at,
+        uv1=None if mesh.uv1 is None else mesh.uv1.astype(np.float32),
     )
 
 

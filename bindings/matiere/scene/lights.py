@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field, PlainValidator
+from pydantic import Field, PlainValidator, WithJsonSchema
 
 from matiere.scene.arrays import Pixels
 from matiere.scene.camera import norm
@@ -17,6 +18,7 @@ from matiere.scene.checks import (
     Node,
     Vec3,
     fault,
+    numbers,
     tagged,
 )
 
@@ -129,6 +131,45 @@ class Environment(Node):
             yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
 
 
+def _pair(value: Any) -> tuple[float, float]:
+    x, y = numbers(value, 2, "[x, y]")
+    return (x, y)
+
+
+Pair = Annotated[
+    tuple[float, float],
+    PlainValidator(_pair),
+    WithJsonSchema({"type": "array", "items": {"type": "number"}, "minItems": 2, "maxItems": 2}),
+]
+
+
+class TextureTransform(Node):
+    """Where an image lies in the uv plane, with the numbers of glTF's KHR_texture_transform.
+
+    Texture coordinates are scaled, turned and moved, in this order, about the upper left corner of
+    the image, with v downwards as in glTF.
+    """
+
+    scale: Pair = Field((1.0, 1.0), description="factors of u and v; 2 shows the image twice")
+    rotation_deg: float = Field(
+        0.0, description="turn of the coordinates, counter-clockwise as glTF counts it, degrees"
+    )
+    offset: Pair = Field((0.0, 0.0), description="added last, in sizes of the image")
+
+    def problems(self) -> Iterable[Line]:
+        if not all(self.scale):
+            yield ("scale",), fault("degenerate", "must not be zero: it would flatten the image")
+
+    @property
+    def matrix(self) -> tuple[float, float, float, float, float, float]:
+        """u' = a u + b v + x, v' = c u + d v + y as (a, b, c, d, x, y), v upwards."""
+        cos, sin = (f(math.radians(self.rotation_deg)) for f in (math.cos, math.sin))
+        (sx, sy), (x, y) = self.scale, self.offset
+        # glTF: u' = sx cos u + sy sin v + x, v' = -sx sin u + sy cos v + y, with v = 1 - ours.
+        a, b, c, d = sx * cos, sy * sin, -sx * sin, sy * cos
+        return (a, -b, -c, d, b + x, 1.0 - d - y)
+
+
 class Texture(Node):
     """An image that a material parameter can refer to by `{"texture": name}`."""
 
@@ -139,7 +180,22 @@ class Texture(Node):
         description="of `file`: sRGB (decoded), linear (Rec.709), data (numbers as they are); "
         "null: sRGB for whole-number pixels, linear for float pixels",
     )
-    wrap: Literal["repeat", "clamp"] = Field("repeat", description="what lies beyond uv in [0, 1]")
+    channel: Literal["r", "g", "b", "a"] | None = Field(
+        None, description="only this channel of the image, as grey; null: its colour"
+    )
+    wrap: Literal["repeat", "clamp", "mirror", "black"] = Field(
+        "repeat", description="what lies beyond uv in [0, 1]"
+    )
+    filter: Literal["nearest", "bilinear", "trilinear"] = Field(
+        "bilinear",
+        description="trilinear: material parameters are averaged over what half a pixel sees",
+    )
+    uv_set: Literal[0, 1] = Field(
+        0, description="texture coordinates of the shape: 0 is `uv`, 1 is `uv1`"
+    )
+    transform: TextureTransform | None = Field(
+        None, description="scale, rotation and offset as in glTF; null: none"
+    )
 
     def problems(self) -> Iterable[Line]:
         if (self.file is None) == (self.pixels is None):
@@ -147,3 +203,9 @@ class Texture(Node):
             yield (), fault(kind, "a texture needs either 'file' or 'pixels'")
         if self.color_space is not None and self.file is None:
             yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
+        if self.channel == "a":
+            if self.pixels is not None:
+                yield ("channel",), fault("unknown_choice", "'pixels' have no alpha: use r, g or b")
+            if self.color_space == "sRGB":
+                why = "alpha is never sRGB: leave it out or use 'data'"
+                yield ("color_space",), fault("unknown_choice", why)

@@ -36,6 +36,7 @@ class Part:
     uv: Doubles | None
     names: tuple[str, ...]
     material: str | None
+    uv1: Doubles | None = None  # the second set of texture coordinates
 
 
 def read_parts(name: str, data: bytes) -> list[Part]:
@@ -67,10 +68,13 @@ def _part(raw: Mapping[str, Any], names: tuple[str, ...], material: str | None) 
     if not np.isfinite(positions[np.unique(triangles)]).all():
         raise MeshFileError("a vertex position is NaN or infinite")
     uv = _rows(getattr(raw.get("visual"), "uv", None), len(positions), 2)
-    if uv is not None and not np.isfinite(uv).all():
+    uv1 = _rows((raw.get("vertex_attributes") or {}).get(_SECOND_UV), len(positions), 2)
+    if not all(t is None or np.isfinite(t).all() for t in (uv, uv1)):
         raise MeshFileError("a texture coordinate is NaN or infinite")
+    if uv1 is not None:  # trimesh turns only the first set around
+        uv1 = np.stack([uv1[:, 0], 1.0 - uv1[:, 1]], axis=1)
     normals = _rows(raw.get("vertex_normals"), len(positions), 3)
-    return Part(positions, triangles, normals, uv, names, material)
+    return Part(positions, triangles, normals, uv, names, material, uv1)
 
 
 def _rows(value: Any, count: int, columns: int) -> Doubles | None:
@@ -197,7 +201,7 @@ def _read_glb(data: bytes) -> Iterator[Part]:
         triangles = part.triangles[:, ::-1] if mirrors(matrix) else part.triangles
         normals = None if part.normals is None else apply_normals(matrix, part.normals)
         positions = apply_points(matrix, part.positions)
-        yield Part(positions, triangles, normals, part.uv, names, material)
+        yield Part(positions, triangles, normals, part.uv, names, material, part.uv1)
 
 
 def _glb_header(data: bytes) -> tuple[dict[str, Any], bytes]:
@@ -225,6 +229,7 @@ def _glb_bytes(header: Mapping[str, Any], rest: bytes) -> bytes:
     return struct.pack("<4sIIII", b"glTF", 2, total, len(text), 0x4E4F534A) + text + rest
 
 
+_SECOND_UV = "_UV1"
 Labels = dict[str, tuple[tuple[str, ...], str | None]]  # a node -> its names, its material
 
 
@@ -254,6 +259,9 @@ def _one_mesh_per_primitive(header: dict[str, Any]) -> Labels:
             material = primitive.get("material")
             label = f"n{index}p{number}"
             clean = {k: v for k, v in primitive.items() if k in ("attributes", "indices", "mode")}
+            if "TEXCOORD_1" in clean["attributes"]:  # under a name that trimesh keeps
+                second = {_SECOND_UV: clean["attributes"]["TEXCOORD_1"]}
+                clean["attributes"] = {**clean["attributes"], **second}
             header["meshes"].append({"name": label, "primitives": [{**clean, "material": 0}]})
             nodes.append({"name": label, "mesh": len(header["meshes"]) - 1})
             node.setdefault("children", []).append(len(nodes) - 1)

@@ -27,6 +27,7 @@ class PlacedMesh:
     normals: Doubles | None
     uv: Doubles | None
     material: str
+    uv1: Doubles | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,14 +55,15 @@ def load_mesh(shape: MeshShape, assets: AssetRoot, files: Files) -> list[PlacedM
             raise SceneValidationError([Fault("", "out_of_range", why)])
         triangles = part.triangles[:, ::-1] if mirrors(matrix) else part.triangles
         normals = None if part.normals is None else apply_normals(matrix, part.normals)
-        placed.append(PlacedMesh(positions, triangles, normals, part.uv, material))
+        placed.append(PlacedMesh(positions, triangles, normals, part.uv, material, part.uv1))
     return placed
 
 
 def _parts(shape: MeshShape, assets: AssetRoot, files: Files) -> list[Part]:
     if shape.file is None:
         assert shape.positions is not None and shape.triangles is not None
-        return [Part(shape.positions, shape.triangles, shape.normals, shape.uv, (), None)]
+        arrays = shape.positions, shape.triangles, shape.normals, shape.uv
+        return [Part(*arrays, (), None, shape.uv1)]
     with pointed("/file"):
         try:
             if shape.file not in files:
@@ -116,9 +118,9 @@ def clean(mesh: PlacedMesh, center: Doubles) -> tuple[PlacedMesh, MeshCounts]:
     repaired = 0
     if normals is not None:
         normals, repaired = _repair(normals, positions, triangles)
-    uv = None if mesh.uv is None else mesh.uv[used]
+    uv, uv1 = (None if t is None else t[used] for t in (mesh.uv, mesh.uv1))
     counts = MeshCounts(len(mesh.triangles) - len(kept), repaired)
-    return PlacedMesh(positions, triangles, normals, uv, mesh.material), counts
+    return PlacedMesh(positions, triangles, normals, uv, mesh.material, uv1), counts
 
 
 def _cross(positions: Doubles, triangles: NDArray[np.int64]) -> Doubles:

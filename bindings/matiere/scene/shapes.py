@@ -134,6 +134,9 @@ class MeshShape(Node):
     triangles: Triangles | None = Field(None, description="(M, 3) indices into positions")
     normals: Points | None = Field(None, description="(N, 3) shading normals")
     uv: Points2 | None = Field(None, description="(N, 2) texture coordinates")
+    uv1: Points2 | None = Field(
+        None, description="(N, 2) second set of texture coordinates, for textures with uv_set 1"
+    )
     material: Name | None = Field(None, description="a key of `materials`, for the whole mesh")
     materials: dict[str, Name] | None = Field(
         None, description="material or node name in the file -> a key of `materials`"
@@ -150,7 +153,7 @@ class MeshShape(Node):
             yield ("materials",), fault("exclusive_keys", why)
 
     def _source_problems(self) -> Iterable[Line]:
-        inline = ("positions", "triangles", "normals", "uv")
+        inline = ("positions", "triangles", "normals", "uv", "uv1")
         given = [key for key in inline if getattr(self, key) is not None]
         if self.file is not None:
             for key in given:
@@ -170,7 +173,7 @@ class MeshShape(Node):
                     f"vertex {index} does not exist; positions has {count} (0 to {count - 1})",
                 ),
             )
-        for key in ("normals", "uv"):
+        for key in ("normals", "uv", "uv1"):
             array = getattr(self, key)
             if array is not None and len(array) != count:
                 yield (

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from matiere.errors import Fault, ImageError, SceneValidationError, pointed
-from matiere.imageio import read_color, srgb_to_linear
+from matiere.imageio import read_color, read_texture, srgb_to_linear
 from matiere.scene.assets import AssetRoot
 from matiere.scene.lights import Environment, Texture
 
@@ -21,12 +22,53 @@ class Loaded:
     color_space: str
 
 
-def load_texture(texture: Texture, assets: AssetRoot) -> Loaded:
-    """Return a texture's pixels; raise SceneValidationError (pointers below the texture)."""
+@dataclass(frozen=True, slots=True)
+class Texels:
+    """A texture ready for the core: (H, W, 1 or 3), as narrow as in its file."""
+
+    pixels: NDArray[Any]  # uint8, uint16, float16 or float32
+    color_space: str
+    encoded: bool = False  # 8-bit sRGB, decoded by the core
+
+
+def load_texture(texture: Texture, assets: AssetRoot) -> Texels:
+    """Return a texture's texels; raise SceneValidationError (pointers below the texture)."""
     if texture.pixels is not None:
-        return Loaded(texture.pixels, "linear")
+        pixels = texture.pixels
+        if texture.channel is not None:
+            index = "rgb".index(texture.channel)
+            pixels = np.ascontiguousarray(pixels[:, :, index : index + 1])
+        return Texels(pixels, "linear")
     assert texture.file is not None
-    return _read(texture.file, texture.color_space, assets)
+    name = texture.file
+    with pointed("/file"):
+        path = assets.unchanged(name)
+        try:
+            read = read_texture(path, texture.channel)
+        except ImageError as error:
+            raise SceneValidationError([Fault("", "asset_unreadable", error.message)]) from None
+        assets.unchanged(name)
+    if not read.integer:
+        _check_finite(read.pixels, name)
+    usual = "sRGB" if read.integer else "linear"
+    space = texture.color_space or ("data" if texture.channel == "a" else usual)
+    pixels, own = read.pixels, read.chromaticities
+    wide = texture.color_space is None and own is not None and pixels.shape[2] == 3
+    convert = wide and own is not None and not same_as_rec709(own)
+    if space == "sRGB" and (convert or pixels.dtype != np.uint8):
+        pixels = srgb_to_linear(_as_float(pixels))
+    elif convert:
+        pixels = _as_float(pixels)
+    if convert and own is not None:
+        pixels = convert_to_rec709(pixels, own)
+    return Texels(pixels, space, space == "sRGB" and pixels.dtype == np.uint8)
+
+
+def _as_float(pixels: NDArray[Any]) -> NDArray[np.float32]:
+    """Return whole numbers as [0, 1], others as they are."""
+    if pixels.dtype.kind == "u":
+        return (pixels / np.float32(np.iinfo(pixels.dtype).max)).astype(np.float32)
+    return pixels.astype(np.float32)
 
 
 def load_environment(environment: Environment, assets: AssetRoot) -> tuple[Loaded, int]:
@@ -51,15 +93,20 @@ def _read(name: str, color_space: str | None, assets: AssetRoot) -> Loaded:
         except ImageError as error:
             raise SceneValidationError([Fault("", "asset_unreadable", error.message)]) from None
         assets.unchanged(name)
-    if not np.isfinite(read.pixels).all():
-        y, x = (int(i) for i in np.argwhere(~np.isfinite(read.pixels).all(axis=2))[0])
-        why = f"the image {name!r} holds NaN or infinity, first at pixel x {x}, y {y}"
-        raise SceneValidationError([Fault("/file", "not_finite", why)])
+    _check_finite(read.pixels, name)
     space = color_space or ("sRGB" if read.integer else "linear")
     pixels = srgb_to_linear(read.pixels) if space == "sRGB" else read.pixels
     if color_space is None and read.chromaticities is not None:
         pixels = convert_to_rec709(pixels, read.chromaticities)
     return Loaded(pixels, space)
+
+
+def _check_finite(pixels: NDArray[Any], name: str) -> None:
+    good = np.isfinite(pixels)
+    if not good.all():
+        y, x = (int(i) for i in np.argwhere(~good.all(axis=2))[0])
+        why = f"the image {name!r} holds NaN or infinity, first at pixel x {x}, y {y}"
+        raise SceneValidationError([Fault("/file", "not_finite", why)])
 
 
 # xy of red, green, blue and white (ITU-R BT.709, D65)
@@ -79,10 +126,15 @@ def convert_to_rec709(
     The white point is adapted by Bradford's method. Files that only say Rec.709 in other words
     come back unchanged.
     """
-    matrix = rec709_from(chromaticities)
-    if np.abs(matrix - np.eye(3)).max() < _SAME:
+    if same_as_rec709(chromaticities):
         return pixels
+    matrix = rec709_from(chromaticities)
     return np.maximum(pixels @ matrix.T, 0.0).astype(np.float32)
+
+
+def same_as_rec709(chromaticities: tuple[float, ...]) -> bool:
+    """Tell whether primaries are those of Rec.709, up to rounding."""
+    return bool(np.abs(rec709_from(chromaticities) - np.eye(3)).max() < _SAME)
 
 
 def rec709_from(chromaticities: tuple[float, ...]) -> NDArray[np.float64]:
