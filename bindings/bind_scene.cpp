@@ -124,11 +124,19 @@ void add_mesh(RenderDescription& d, const py::object& positions, const py::objec
     d.meshes.push_back(std::move(m));
 }
 
+EnvironmentDescription lat_long(const Array<float>& pixels, double rotation_deg, double scale) {
+    auto data = image(pixels, "environment");
+    return {int(pixels.shape(1)), int(pixels.shape(0)), std::move(data), rotation_deg, scale};
+}
+
 void set_environment(RenderDescription& d, const Array<float>& pixels, double rotation_deg,
                      double scale) {
-    auto data = image(pixels, "environment");
-    d.environment = EnvironmentDescription{int(pixels.shape(1)), int(pixels.shape(0)),
-                                           std::move(data), rotation_deg, scale};
+    d.environment = lat_long(pixels, rotation_deg, scale);
+}
+
+void set_backdrop(RenderDescription& d, const Array<float>& pixels, double rotation_deg,
+                  double scale) {
+    d.backdrop = lat_long(pixels, rotation_deg, scale);
 }
 
 void set_constant_environment(RenderDescription& d, const Triple& radiance) {
@@ -199,6 +207,8 @@ void bind_description(py::module_& m) {
             },
             py::arg("direction"), py::arg("irradiance"))
         .def("set_environment", &set_environment, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
+             py::arg("scale") = 1.0)
+        .def("set_backdrop", &set_backdrop, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
         .def_readwrite("light_tree", &RenderDescription::light_tree)
         .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));

@@ -64,7 +64,8 @@ def inspect(scene: Mapping[str, Any], files: AssetRoot) -> JsonDict:
         document.get("render", {}).pop(key, None)
     pins = dict(checked.assets)
     shapes = [document.get("shapes"), sorted(pins.items())]
-    images = [document.get("textures"), document.get("environment"), _texture_uses(document)]
+    skies = document.get("environment"), document.get("background")
+    images = [document.get("textures"), *skies, _texture_uses(document)]
     return {
         "film_key": film_key(checked),
         "geometry_key": _digest(shapes),

@@ -31,6 +31,7 @@ inline constexpr Features kHasPointLights = 1U << 19;
 inline constexpr Features kHasSpheres = 1U << 20;
 inline constexpr Features kHasSmoothNormals = 1U << 21;
 inline constexpr Features kHasThinLens = 1U << 22;
+inline constexpr Features kHasBackdrop = 1U << 23;
 
 inline constexpr Features kKernelFeatures = (kNeedsLights << 1) - 1;
 inline constexpr Features kEveryFeature = kKernelFeatures;
@@ -40,7 +41,7 @@ struct FeatureName {
     std::string_view name;
 };
 
-inline constexpr std::array<FeatureName, 16> kFeatureNames = {{
+inline constexpr std::array<FeatureName, 17> kFeatureNames = {{
     {kNeedsModels, "models"},
     {kNeedsGuide, "caustic_guide"},
     {kNeedsTangents, "tangents"},
@@ -57,6 +58,7 @@ inline constexpr std::array<FeatureName, 16> kFeatureNames = {{
     {kHasSpheres, "spheres"},
     {kHasSmoothNormals, "smooth_normals"},
     {kHasThinLens, "thin_lens"},
+    {kHasBackdrop, "backdrop"},
 }};
 
 constexpr bool has(Features set, Features any) { return (set & any) != 0; }

@@ -142,9 +142,12 @@ class Walk {
     void escape() {
         note_end("escaped");
         const EnvironmentLight* environment = scene_.lights().environment();
-        if (depth_ == 0 && settings_.transparent_background) {
-            alpha_ = 0;
-            return;
+        if (depth_ == 0) {
+            if (settings_.transparent_background) {
+                alpha_ = 0;
+                return;
+            }
+            if (scene_.backdrop() != nullptr) return see_backdrop(*scene_.backdrop());
         }
         if (environment == nullptr) return;
         const float pdf = specular_ ? 0 : scene_.lights().pdf_environment(ray_.direction);
@@ -155,6 +158,14 @@ class Walk {
         if constexpr (kRecording)
             record_->background.push_back(
                 met(scene_.lights().environment_index(), ray_.direction, pdf, w, arrived));
+    }
+
+    /// What the camera sees where no light comes from.
+    void see_backdrop(const EnvironmentLight& backdrop) {
+        const Spectrumf arrived = beta_ * backdrop.radiance(ray_.direction);
+        add(arrived, -1);
+        if constexpr (kRecording)
+            record_->background.push_back(met(-1, ray_.direction, 0, 1, arrived));
     }
 
     void add_emission(const SurfaceHit& s) {

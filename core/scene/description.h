@@ -92,6 +92,7 @@ struct RenderDescription {
     std::vector<SphereDescription> spheres;
     std::vector<LightDescription> lights;
     std::optional<EnvironmentDescription> environment;
+    std::optional<EnvironmentDescription> backdrop;  ///< seen instead of the environment
     bool light_tree = true;  ///< false: lights are chosen by power alone (tests, benchmarks)
 };
 

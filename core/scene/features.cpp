@@ -36,6 +36,7 @@ Features scan_features(const Scene& scene) {
         when(scene.lights().environment() != nullptr, kHasEnvironment) |
         when(!scene.spheres().empty(), kHasSpheres) |
         when(scene.camera().has_lens(), kHasThinLens) |
+        when(scene.backdrop() != nullptr, kHasBackdrop) |
         when(scene.lights().has_points(), kHasPointLights) |
         when(!scene.lights().empty() && !scene.lights().is_one_rectangle(), kNeedsLights);
     for (int i = 0; i < materials.size(); ++i)

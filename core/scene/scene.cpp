@@ -82,6 +82,8 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     add_meshes(std::move(description.meshes));
     add_spheres(description.spheres);
     build_lights(description);
+    if (const auto& b = description.backdrop)
+        backdrop_.emplace(b->width, b->height, b->pixels, b->rotation_deg, b->scale);
     for (const auto& mesh : meshes_) accel_.add_mesh(mesh->positions, mesh->indices);
     if (!spheres_.empty()) accel_.add_spheres(spheres_);
     accel_.commit(cancel);
@@ -101,6 +103,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     }
     for (int i = 0; i < textures_.size(); ++i) stats_.bytes += textures_[i].bytes();
     if (const auto* e = lights_->environment()) stats_.bytes += e->bytes();
+    if (backdrop_) stats_.bytes += backdrop_->bytes();
     stats_.spheres = spheres_.size();
     stats_.lights = std::uint64_t(lights_->size());
     stats_.materials = std::uint64_t(materials_->size());

@@ -49,6 +49,8 @@ class Scene {
     const Camera& camera() const { return *camera_; }
     const MaterialTable& materials() const { return *materials_; }
     const LightSet& lights() const { return *lights_; }
+    /// What the camera sees behind everything instead of the environment; lights nothing.
+    const EnvironmentLight* backdrop() const { return backdrop_ ? &*backdrop_ : nullptr; }
     /// The media that the camera stands in.
     const InteriorStack& camera_interior() const { return camera_interior_; }
     /// Whether shadow rays must look at what they meet: media can overlap, so that interfaces lie
@@ -79,6 +81,7 @@ class Scene {
     std::vector<Sphere> spheres_;                // geometry id = meshes_.size()
     std::vector<int> sphere_light_;
     std::unique_ptr<LightSet> lights_;
+    std::optional<EnvironmentLight> backdrop_;
     EmbreeScene accel_;
     InteriorStack camera_interior_;
     PhotonGuide caustics_;

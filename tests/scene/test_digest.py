@@ -68,6 +68,7 @@ CHANGES_PIXELS: dict[str, Change] = {
     "replicates": lambda s: s["render"].update(replicates=8),
     "adaptive": lambda s: s["render"].update(adaptive=True),
     "background": lambda s: s.update(background="transparent"),
+    "background radiance": lambda s: s.update(background={"radiance": 0.5}),
     "alpha": lambda s: s["materials"]["ball"].update(alpha=0.11),
     "metal": lambda s: s["materials"]["ball"].update(metal="Ag"),
     "distribution": lambda s: s["materials"]["ball"].update(distribution="beckmann"),

@@ -17,7 +17,13 @@ from numpy.typing import NDArray
 from matiere.errors import AssetChanged, Fault, SceneValidationError, pointed, pointer
 from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
-from matiere.scene.lights import DirectionalLight, PointLight, RectangleLight, SpotLight
+from matiere.scene.lights import (
+    DirectionalLight,
+    Environment,
+    PointLight,
+    RectangleLight,
+    SpotLight,
+)
 from matiere.scene.materials import FileName, MaterialModel, ParamNode, TextureRef
 from matiere.scene.measured import Arrays, load_measured
 from matiere.scene.meshes import Files, PlacedMesh, clean, load_mesh
@@ -51,6 +57,7 @@ class _Work:
     textures: dict[str, int] = field(default_factory=dict)
     materials: dict[str, int] = field(default_factory=dict)
     environment: NDArray[np.float32] | None = None
+    backdrop: NDArray[np.float32] | None = None
     measured: dict[str, Arrays] = field(default_factory=dict)  # file name -> what it holds
 
     def note(self, at: str, code: str, message: str, count: int) -> None:
@@ -80,6 +87,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     _add_spheres(model, center, work)
     _add_lights(model, center, work)
     _add_environment(model, work)
+    _add_backdrop(model, work)
     _note_darkness(model, work)
     if work.faults:
         raise SceneValidationError(work.faults)
@@ -171,15 +179,25 @@ def _check_scalar_textures(model: SceneModel, work: _Work) -> None:
 
 
 def _read_environment(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
-    environment = model.environment
+    work.environment = _lat_long("environment", model.environment, assets, work)
+    if isinstance(model.background, Environment):
+        work.backdrop = _lat_long("background", model.background, assets, work)
+
+
+def _lat_long(
+    name: str, environment: Environment | None, assets: AssetRoot, work: _Work
+) -> NDArray[np.float32] | None:
+    """Return the pixels of a lat-long map; None where there is no map, or its file is at fault."""
+    found: NDArray[np.float32] | None = None
     if environment is None or environment.radiance is not None:
-        return
-    with _collected("/environment", work):
+        return found
+    with _collected(f"/{name}", work):
         loaded, negative = load_environment(environment, assets)
         if negative:
-            why = f"{negative} negative values of the environment were set to 0"
-            work.note("/environment", "negative_pixels", why, negative)
-        work.environment = loaded.pixels
+            why = f"{negative} negative values of the {name} were set to 0"
+            work.note(f"/{name}", "negative_pixels", why, negative)
+        found = loaded.pixels
+    return found
 
 
 def _read_measured(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
@@ -336,6 +354,17 @@ def _add_environment(model: SceneModel, work: _Work) -> None:
         assert work.environment is not None
         rotation, scale = environment.rotation_deg, environment.scale
         work.description.set_environment(work.environment, rotation, scale)
+
+
+def _add_backdrop(model: SceneModel, work: _Work) -> None:
+    backdrop = model.background
+    if not isinstance(backdrop, Environment):
+        return
+    pixels = work.backdrop
+    if backdrop.radiance is not None:
+        pixels = np.array([[backdrop.radiance]], np.float32)
+    assert pixels is not None
+    work.description.set_backdrop(pixels, backdrop.rotation_deg, backdrop.scale)
 
 
 def _note_darkness(model: SceneModel, work: _Work) -> None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, PlainValidator, WithJsonSchema
@@ -17,8 +17,10 @@ from matiere.scene.checks import (
     Name,
     Node,
     Vec3,
+    choose,
     fault,
     numbers,
+    shown,
     tagged,
 )
 
@@ -129,6 +131,29 @@ class Environment(Node):
             yield (), fault(kind, "an environment needs one of 'file', 'pixels' and 'radiance'")
         if self.color_space is not None and self.file is None:
             yield ("color_space",), fault("exclusive_keys", "'color_space' belongs to 'file'")
+
+
+def _background(value: Any) -> Any:
+    if isinstance(value, Environment):
+        return value
+    if isinstance(value, Mapping):
+        return Environment.model_validate(value)
+    words = ("environment", "transparent")
+    if isinstance(value, str):
+        if value in words:
+            return value
+        raise fault("unknown_choice", *choose("the background", value, words))
+    why = "expected 'environment', 'transparent' or an object like `environment`, got "
+    raise fault("wrong_type", why + shown(value))
+
+
+Background = Annotated[
+    Literal["environment", "transparent"] | Environment,
+    PlainValidator(
+        _background,
+        json_schema_input_type=Literal["environment", "transparent"] | Environment,
+    ),
+]
 
 
 def _pair(value: Any) -> tuple[float, float]:

@@ -13,7 +13,7 @@ from pydantic import Field, PlainValidator, WithJsonSchema
 
 from matiere.scene.camera import Camera
 from matiere.scene.checks import Line, Name, Node, fault, numbers, shown
-from matiere.scene.lights import Environment, Light, Texture
+from matiere.scene.lights import Background, Environment, Light, Texture
 from matiere.scene.materials import Material
 from matiere.scene.shapes import Shape
 
@@ -232,9 +232,9 @@ class SceneModel(Node):
     textures: dict[Name, Texture] = Field(
         default_factory=dict, max_length=10_000, description="images by name"
     )
-    background: Literal["environment", "transparent"] = Field(
+    background: Background = Field(
         "environment",
-        description="what the camera sees behind the shapes; transparent: alpha 0, and the "
-        "environment still gives light",
+        description="what the camera sees behind the shapes: the environment, nothing "
+        "(transparent: alpha 0), or a map or radiance of its own; the environment gives the light",
     )
     output: Output = Field(default_factory=Output, description="view transform and files")

@@ -43,9 +43,10 @@ def files(document: Mapping[str, Any]) -> Iterator[tuple[Place, str, tuple[str, 
     for key, material in _entries(document.get("materials")):
         for place, name in _files_in(material):
             yield ("materials", key, *place), name, MEASURED_SUFFIXES
-    environment = document.get("environment")
-    if isinstance(environment, Mapping) and isinstance(name := environment.get("file"), str):
-        yield ("environment", "file"), name, IMAGE_SUFFIXES
+    for key in ("environment", "background"):
+        sky = document.get(key)
+        if isinstance(sky, Mapping) and isinstance(name := sky.get("file"), str):
+            yield (key, "file"), name, IMAGE_SUFFIXES
 
 
 def _list(value: Any) -> list[Any]:

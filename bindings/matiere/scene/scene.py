@@ -137,6 +137,8 @@ class Scene:
         }
         if self.model.environment is not None:
             names["environment"] = {"file": self.model.environment.file}
+        if not isinstance(self.model.background, str):
+            names["background"] = {"file": self.model.background.file}
         return names
 
 
