@@ -188,16 +188,16 @@ def _lat_long(
     name: str, environment: Environment | None, assets: AssetRoot, work: _Work
 ) -> NDArray[np.float32] | None:
     """Return the pixels of a lat-long map; None where there is no map, or its file is at fault."""
-    found: NDArray[np.float32] | None = None
     if environment is None or environment.radiance is not None:
-        return found
+        return None
+    found: list[NDArray[np.float32]] = []
     with _collected(f"/{name}", work):
         loaded, negative = load_environment(environment, assets)
         if negative:
             why = f"{negative} negative values of the {name} were set to 0"
             work.note(f"/{name}", "negative_pixels", why, negative)
-        found = loaded.pixels
-    return found
+        found.append(loaded.pixels)
+    return found[0] if found else None
 
 
 def _read_measured(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
