@@ -6,8 +6,10 @@
 #include "material/bsdf_for.h"
 #include "optics/absorption.h"
 #include "optics/albedo_builder.h"
+#include "optics/free_flight.h"
 #include "optics/fresnel_term.h"
 #include "optics/microfacet.h"
+#include "optics/phase.h"
 #include "param_value.h"
 #include "sampling/photon_guide.h"
 #include "texel_grid.h"
@@ -47,6 +49,24 @@ py::array_t<R> per_row(const Array<R>& w, F&& f) {
     return out;
 }
 
+/// Flights for rows of (u_lane, u): whether they meet something, how far they are, what they carry.
+template <class R>
+py::tuple sample_flights(const std::array<R, 3>& sigma_s, const std::array<R, 3>& sigma_t,
+                         const std::array<R, 3>& carried, R end, const Array<R>& u) {
+    const auto spectrum = [](const std::array<R, 3>& v) { return Spectrum<R>{v[0], v[1], v[2]}; };
+    const auto n = u.shape(0);
+    py::array_t<bool> meets(n);
+    py::array_t<R> distance(n), out({n, py::ssize_t(3)});
+    for (py::ssize_t i = 0; i < n; ++i) {
+        const auto f = sample_flight(spectrum(sigma_s), spectrum(sigma_t), spectrum(carried), end,
+                                     u.at(i, 0), u.at(i, 1));
+        meets.mutable_at(i) = f.meets;
+        distance.mutable_at(i) = f.distance;
+        for (int c = 0; c < 3; ++c) out.mutable_at(i, c) = f.carried[c];
+    }
+    return py::make_tuple(meets, distance, out);
+}
+
 template <class R>
 void bind_precision(py::module_& m, const std::string& suffix) {
     using Surface = Microfacet<R>;
@@ -70,6 +90,11 @@ void bind_precision(py::module_& m, const std::string& suffix) {
     m.def(("beer_lambert" + suffix).c_str(), py::vectorize([](R sigma_a, R distance) {
               return beer_lambert(Spectrum<R>(sigma_a), distance)[0];
           }));
+    m.def(("henyey_greenstein" + suffix).c_str(),
+          py::vectorize([](R one_minus_cos, R g) { return henyey_greenstein(one_minus_cos, g); }));
+    m.def(("sample_henyey_greenstein" + suffix).c_str(),
+          py::vectorize([](R u, R g) { return sample_henyey_greenstein(u, g); }));
+    m.def(("sample_flight" + suffix).c_str(), &sample_flights<R>);
 }
 
 /// A scene's material table, with textures, scattering at one point given by hand.
@@ -120,7 +145,12 @@ class PyMaterials {
         d["passes"] = r.passes;
         d["eta_interior"] = py::make_tuple(r.eta_interior[0], r.eta_interior[1], r.eta_interior[2]);
         d["dispersive"] = r.dispersive;
-        d["sigma_a"] = py::make_tuple(r.sigma_a[0], r.sigma_a[1], r.sigma_a[2]);
+        const auto triple = [](const Spectrumf& s) { return py::make_tuple(s[0], s[1], s[2]); };
+        d["sigma_a"] = triple(r.sigma_a);
+        d["sigma_s"] = triple(r.sigma_s);
+        d["sigma_t"] = triple(r.sigma_t);
+        d["g"] = r.g;
+        d["scatters"] = r.scatters;
         d["features"] = r.features;
         d["lobes"] = r.lobes;
         return d;

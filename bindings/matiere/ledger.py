@@ -41,9 +41,11 @@ _DROPPED = {
     "absorbed: smoothed normals darken a coarse mesh at its edges",
 }
 _COUNTED = {
-    "depth_guard": "paths were cut after 10,000 scattering events",
+    "depth_guard": "paths were cut after 10,000 scattering events on surfaces or 16 million inside "
+    "media",
     "interior_overflow": "entries into a ninth nested medium were taken as none",
-    "unmatched_exits": "exits from a medium that was never entered (open or inside-out meshes)",
+    "unmatched_exits": "exits from a medium that was never entered, or none from one that scatters (open or "
+    "inside-out meshes)",
 }
 _STOPPED = {
     "target_error": "the render stopped at the first look whose interval met the target, which "

@@ -20,7 +20,7 @@ ENDS = {
     "max_depth": "ends at max_depth",
     "roulette": "is ended by Russian roulette",
     "black": "ends: nothing is left to carry",
-    "depth_guard": "is cut at the guard of 10,000 scattering events",
+    "depth_guard": "is cut at the guard of 10,000 scattering events (inside media: 16,777,216)",
 }
 HOW = {
     "light": "by looking for lights",
@@ -125,28 +125,30 @@ def _text(path: Mapping[str, Any]) -> str:
 
 
 def _vertex_lines(number: int, v: Mapping[str, Any]) -> list[str]:
+    event = v["event"]
     what = "a light" if v["material"] is None else f"'{v['material']}' ({v['model']})"
     side = "" if v["outside"] else " from behind"
     inside = "" if v["medium"] is None else f" inside '{v['medium']}'"
+    if event == "scatter_inside":
+        what, side = "an event of the medium", ""
     lines = [
         f"{number:3}. after {_number(v['distance'])} m{inside}: {what}{side} at "
         f"{_numbers(v['position'])}, throughput {_numbers(v['throughput'])}"
     ]
     lines += [f"       {_light(m)}" for m in v["lights"]]
-    event = v["event"]
     if event == "pass":
         lines.append("       passes straight through")
     elif event == "hidden":
         lines.append("       hidden inside a medium of higher priority: nothing is there to see")
-    elif event == "scatter":
+    elif event in ("scatter", "scatter_inside"):
         lines.append(f"       {_scatter(v)}")
     return lines
 
 
 def _scatter(v: Mapping[str, Any]) -> str:
-    delta = "specular" in v["lobe"]
+    delta, inside = "specular" in v["lobe"], v["event"] == "scatter_inside"
     parts = [
-        f"goes on by {' '.join(v['lobe'])}"
+        f"goes on by {'scattering' if inside else ' '.join(v['lobe'])}"
         + (", with directions of hidden light mixed in" if v["guided"] else ""),
         f"{'lobe probability' if delta else 'pdf'} {_number(v['pdf'])}" + ("" if delta else " /sr"),
         f"weight {_numbers(v['weight'])}",

@@ -22,9 +22,11 @@ REASONS = {
 }
 # Counters that warn of a scene or a numeric problem, in words.
 WARNINGS = {
-    "depth_guard": "paths were cut after 10,000 scattering events",
+    "depth_guard": "paths were cut after 10,000 scattering events on surfaces or 16 million inside "
+    "media",
     "interior_overflow": "entries found more than 8 nested media",
-    "unmatched_exits": "exits from a medium that was never entered (open or inside-out meshes)",
+    "unmatched_exits": "exits from a medium that was never entered, or none from one that scatters "
+    "(open or inside-out meshes)",
 }
 
 

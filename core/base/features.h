@@ -20,6 +20,7 @@ inline constexpr Features kNeedsPassing = 1U << 5;     ///< opacity and null par
 inline constexpr Features kNeedsInteriors = 1U << 6;   ///< absorption, refraction, nesting
 inline constexpr Features kNeedsDispersion = 1U << 7;  ///< an index per lane
 inline constexpr Features kNeedsLights = 1U << 8;      ///< more than one rectangle
+inline constexpr Features kNeedsScattering = 1U << 9;  ///< media that scatter
 /// Not of a scene: the kernel that writes down what a path met.
 inline constexpr Features kRecords = 1U << 31;
 
@@ -33,7 +34,7 @@ inline constexpr Features kHasSmoothNormals = 1U << 21;
 inline constexpr Features kHasThinLens = 1U << 22;
 inline constexpr Features kHasBackdrop = 1U << 23;
 
-inline constexpr Features kKernelFeatures = (kNeedsLights << 1) - 1;
+inline constexpr Features kKernelFeatures = (kNeedsScattering << 1) - 1;
 inline constexpr Features kEveryFeature = kKernelFeatures;
 
 struct FeatureName {
@@ -41,7 +42,7 @@ struct FeatureName {
     std::string_view name;
 };
 
-inline constexpr std::array<FeatureName, 17> kFeatureNames = {{
+inline constexpr std::array<FeatureName, 18> kFeatureNames = {{
     {kNeedsModels, "models"},
     {kNeedsGuide, "caustic_guide"},
     {kNeedsTangents, "tangents"},
@@ -51,6 +52,7 @@ inline constexpr std::array<FeatureName, 17> kFeatureNames = {{
     {kNeedsInteriors, "interiors"},
     {kNeedsDispersion, "dispersion"},
     {kNeedsLights, "any_lights"},
+    {kNeedsScattering, "scattering"},
     {kHasDelta, "delta_lobes"},
     {kHasEnvironment, "environment"},
     {kHasAreaLights, "area_lights"},

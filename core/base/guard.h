@@ -29,9 +29,9 @@ struct Counters {
     std::uint64_t samples = 0;
     std::uint64_t rays = 0;               ///< closest-hit queries
     std::uint64_t shadow_rays = 0;        ///< occlusion queries
-    std::uint64_t depth_guard = 0;        ///< paths cut by the guard of 10,000 scattering events
+    std::uint64_t depth_guard = 0;        ///< paths cut by the guard of 10,000 events, or kMediumGuard
     std::uint64_t interior_overflow = 0;  ///< entries that found the interior stack full
-    std::uint64_t unmatched_exits = 0;    ///< exits from an interior that was never entered
+    std::uint64_t unmatched_exits = 0;    ///< exits without an entry, or media that end nowhere
     /// [material + 1][cause]; row 0 is "no material" (background, whole path).
     std::vector<std::array<std::uint64_t, kRejectCauses>> rejected;
 

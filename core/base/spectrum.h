@@ -53,6 +53,14 @@ struct alignas(kLanes * sizeof(R)) Spectrum {
     /// Rec.709 luminance, the weight of every light and lobe choice.
     constexpr R luminance() const { return R(0.2126) * v[0] + R(0.7152) * v[1] + R(0.0722) * v[2]; }
     constexpr bool is_black() const { return v[0] == R(0) && v[1] == R(0) && v[2] == R(0); }
+    /// A lane in proportion to its value, for a uniform u; the values are not negative, one is
+    /// above 0.
+    constexpr int pick(R u) const {
+        const R x = u * (v[0] + v[1] + v[2]);
+        const int lane = x < v[0] ? 0 : x < v[0] + v[1] ? 1 : 2;
+        if (v[lane] > R(0)) return lane;
+        return v[1] > R(0) ? 1 : 0;  // x at a rounded edge
+    }
     bool is_finite() const {
         return std::isfinite(v[0]) && std::isfinite(v[1]) && std::isfinite(v[2]);
     }

@@ -17,10 +17,11 @@ PathResult sample_path<kDiffuseKernel>(const Scene& scene, const PathSettings& s
 
 namespace {
 
-constexpr std::array<Kernel, 4> kKernels = {{
+constexpr std::array<Kernel, 5> kKernels = {{
     {"diffuse", kDiffuseKernel, &sample_path<kDiffuseKernel>},
     {"opaque", kOpaqueKernel, &sample_path<kOpaqueKernel>},
     {"textured", kTexturedKernel, &sample_path<kTexturedKernel>},
+    {"clear", kClearKernel, &sample_path<kClearKernel>},
     {"full", kEveryFeature, &sample_path<kEveryFeature>},
 }};
 

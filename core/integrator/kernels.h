@@ -21,6 +21,8 @@ inline constexpr Features kOpaqueKernel = kNeedsModels | kNeedsGuide | kNeedsLig
 inline constexpr Features kTexturedKernel =
     kOpaqueKernel | kNeedsTangents | kNeedsTextures | kNeedsMaps;
 
+inline constexpr Features kClearKernel = kEveryFeature & ~kNeedsScattering;
+
 /// From the smallest to the full one.
 std::span<const Kernel> kernels();
 

@@ -41,14 +41,14 @@ Spectrumf walk(const Scene& scene, Ray ray, InteriorStack inside, Counters& coun
 Spectrumf absorb(const Scene& scene, const InteriorStack& inside, float distance) {
     const int medium = inside.current();
     if (medium < 0) return Spectrumf(1.0F);
-    return scene.materials()[medium].sigma_a.map(
+    return scene.materials()[medium].sigma_t.map(
         [distance](float sigma) { return sigma > 0 ? std::exp(-sigma * distance) : 1.0F; });
 }
 
 void move_through(const Scene& scene, const SurfaceHit& s, bool entering, InteriorStack& inside,
                   Counters& counters) {
     if (entering)
-        inside.enter(s.material, scene.materials()[s.material].priority, counters);
+        inside.enter(s.material, scene.materials()[s.material], counters);
     else
         inside.leave(s.material, counters);
 }

@@ -1,4 +1,4 @@
-// What happens to light along a straight segment: absorption in the media it crosses, occlusion.
+// What happens to light along a straight segment: extinction in the media it crosses, occlusion.
 #pragma once
 
 #include "scene/scene.h"
@@ -16,7 +16,8 @@ inline Ray shadow_ray(const SurfaceHit& s, const LightSample& light) {
     return {origin, target - origin, kShadowEnd};
 }
 
-/// Beer-Lambert over `distance` metres of the current medium; zero times infinity is no absorption.
+/// What arrives unscattered (Beer-Lambert) over `distance` metres of the current medium; zero times
+/// infinity is no absorption.
 Spectrumf absorb(const Scene& scene, const InteriorStack& inside, float distance);
 
 /// Updates the media of a path that passes through the boundary `s` of its material's interior.

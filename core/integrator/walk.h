@@ -8,6 +8,7 @@
 #include "base/features.h"
 #include "integrator/guided_bsdf.h"
 #include "integrator/integrator.h"
+#include "integrator/medium.h"
 #include "integrator/path_record.h"
 #include "integrator/ray_cone.h"
 #include "integrator/visibility.h"
@@ -58,8 +59,14 @@ class Walk {
             ++counters_.rays;
             const RayHit hit = scene_.intersect(ray_);
             if constexpr (kInteriors)
-                if (!interior_.empty())
-                    beta_ *= absorb(scene_, interior_, hit.missed() ? kInfinity<float> : hit.t);
+                if (!interior_.empty()) {
+                    const Way way = cross_medium(hit);
+                    if (way == Way::kEnded) break;
+                    if (way == Way::kScattered) {
+                        --segment;  // these have a guard of their own
+                        continue;
+                    }
+                }
             if (hit.missed()) {
                 escape();
                 break;
@@ -86,12 +93,66 @@ class Walk {
  private:
     static constexpr bool kInteriors = has(F, kNeedsInteriors);
     static constexpr bool kPasses = has(F, kNeedsPassing);
+    static constexpr bool kScattering = has(F, kNeedsScattering);
     static constexpr bool kRecording = has(F, kRecords);
     static constexpr bool kTextured = has(F, kNeedsTextures);
     using BsdfHere = BsdfFor<F & kKernelFeatures>;
 
+    int inside_events() const { return kScattering ? inside_events_ : 0; }
+
     const MaterialRecord& material(const SurfaceHit& s) const {
         return scene_.materials()[s.material];
+    }
+
+    /// What became of a path on its way through a medium.
+    enum class Way { kThrough, kScattered, kEnded };
+
+    [[gnu::always_inline]] Way cross_medium(const RayHit& hit) {
+        if constexpr (kScattering) {
+            const int medium = interior_.current();
+            if (medium >= 0 && scene_.materials()[medium].scatters) return fly(medium, hit);
+        }
+        beta_ *= absorb(scene_, interior_, hit.missed() ? kInfinity<float> : hit.t);
+        return Way::kThrough;
+    }
+
+    /// Through a medium that scatters: to its boundary, or to a scattering event before it.
+    Way fly(int medium, const RayHit& hit) {
+        if (hit.missed()) {  // its shape is not closed
+            ++counters_.unmatched_exits;
+            interior_ = {};
+            return Way::kThrough;
+        }
+        const MaterialRecord& m = scene_.materials()[medium];
+        const SampleBlock u = sampler_.block(kFirstFlight + flights_++, Purpose::kSpare);
+        const auto flight =
+            sample_flight(m.sigma_s, m.sigma_t, beta_, hit.t, u.uniform(0), u.uniform(1));
+        beta_ = flight.carried;
+        if (!flight.meets) return Way::kThrough;
+
+        SurfaceHit event;
+        event.point.p = point_before(ray_, flight.distance, scene_.surface<F>(ray_, hit));
+        event.material = medium;
+        if constexpr (kTextured)
+            if (scene_.prefilters()) cone_.meet(event.point, flight.distance, ray_.direction);
+        if constexpr (kRecording) arrive(event, flight.distance);
+        ++inside_events_;
+        const bool last = settings_.max_depth >= 0 && depth_ >= settings_.max_depth;
+        if (last) return end_inside("max_depth");
+        if (inside_events_ >= kMediumGuard) {
+            ++counters_.depth_guard;
+            return end_inside("depth_guard");
+        }
+        const PhaseBsdf phase(m.g);
+        const bool on = scatter_with(event, phase, -ray_.direction, false, false);
+        if constexpr (kRecording)
+            if (here().event == "scatter") here().event = "scatter_inside";
+        return on ? Way::kScattered : Way::kEnded;
+    }
+
+    Way end_inside(std::string_view why) {
+        note_end(why);
+        return Way::kEnded;
     }
 
     /// Finds the relative index of an interface; false where it is hidden and the path went on.
@@ -118,9 +179,7 @@ class Walk {
     void pick_lane() {
         const float sum = beta_[0] + beta_[1] + beta_[2];
         const SampleBlock u = sampler_.block(std::uint32_t(depth_), Purpose::kSpare);
-        const float x = u.uniform(kLaneSlot) * sum;
-        lane_ = x < beta_[0] ? 0 : x < beta_[0] + beta_[1] ? 1 : 2;
-        if (!(beta_[lane_] > 0)) lane_ = beta_[1] > 0 ? 1 : 0;  // x at a rounded edge
+        lane_ = beta_.pick(u.uniform(kLaneSlot));
         Spectrumf one;
         one[lane_] = sum;
         beta_ = one;
@@ -187,7 +246,7 @@ class Walk {
     bool scatter(const SurfaceHit& s, float eta_rel) {
         const bool last = settings_.max_depth >= 0 && depth_ >= settings_.max_depth;
         if (last && !(kPasses && material(s).passes)) return note_end("max_depth");
-        if (depth_ >= kDepthGuard) {
+        if (depth_ - inside_events() >= kDepthGuard) {
             ++counters_.depth_guard;
             return note_end("depth_guard");
         }
@@ -298,7 +357,8 @@ class Walk {
     bool survive(float u) {
         if (beta_.is_black()) return note_end("black");
         if (depth_ < kRouletteDepth) return true;
-        const float q = beta_.max_value() * eta_scale_;
+        float q = beta_.max_value() * eta_scale_;
+        if constexpr (kScattering) q /= event_limit(inside_events_);
         if (q >= 1) return true;
         if constexpr (kRecording) here().survival = q;
         if (u >= q) return note_end("roulette");
@@ -369,6 +429,8 @@ class Walk {
     bool specular_ = true;
     int lane_ = -1;               // the one lane of a path that has met a dispersive interface
     int depth_ = 0, passed_ = 0;  // scattering events; surfaces passed through, which are none
+    int inside_events_ = 0;       // of `depth_`: those inside media
+    std::uint32_t flights_ = 0;   // ways through media that scatter
 };
 
 /// One sample.

@@ -88,7 +88,12 @@ MaterialRecord make_record(const MaterialDescription& d, const TextureTable& tex
                 r.has_interior = true;
                 r.eta_interior = m.interior().eta;
                 r.dispersive = r.eta_interior.min_value() != r.eta_interior.max_value();
+                r.matched = m.interior().matched;
                 r.sigma_a = m.interior().sigma_a;
+                r.sigma_s = m.interior().sigma_s;
+                r.sigma_t = r.sigma_a + r.sigma_s;
+                r.g = m.interior().g;
+                r.scatters = !r.sigma_s.is_black();
             }
         });
     read_emission(d, textures, r);

@@ -19,7 +19,11 @@ struct MaterialRecord {
     int priority = 0;
     Spectrumf eta_interior{1.0F};  ///< index of the medium inside, per lane
     bool dispersive = false;       ///< the lanes of eta_interior differ
-    Spectrumf sigma_a;             ///< absorption of the medium inside [1/m]
+    bool matched = false;          ///< the medium inside takes the index of what surrounds it
+    Spectrumf sigma_a, sigma_s;    ///< absorption and scattering of the medium inside [1/m]
+    Spectrumf sigma_t;             ///< their sum
+    float g = 0;                   ///< mean cosine of its scattering
+    bool scatters = false;         ///< sigma_s is not 0
     Spectrumf emission;  ///< radiance emitted where opaque; the texture's mean where textured
     int emission_texture = -1;  ///< -1: constant
     float opacity = 1.0F;       ///< share of the surface that is there; the mean where textured

@@ -46,8 +46,9 @@ concept TabulatedModel =
     Model<M, R> &&
     requires(typename M::Params& params, TableStore<R>& tables) { M::tabulate(params, tables); };
 
-/// A model that bounds a medium: at a hit it is asked for itself with the relative index of the
-/// two media that really meet there (other side over the side of wo).
+/// A model that bounds a medium (where it has `bounds_medium`, if that says so): at a hit it is
+/// asked for itself with the relative index of the two media that really meet there (other side
+/// over the side of wo).
 template <class M, class R>
 concept InterfaceModel = Model<M, R> && requires(const M& m, R eta) {
     { m.at_interface(eta) } -> std::same_as<M>;

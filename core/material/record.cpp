@@ -330,10 +330,11 @@ std::vector<Spectrumd> interior_indices(const MaterialDescription& d) {
     for_each_model<float>([&]<class M>(std::type_identity<M>) {
         if constexpr (InterfaceModel<M, float>) {
             if (d.type != M::kName) return;
-            double initial = 1.0;
+            std::optional<double> initial;
             for (const auto& row : M::Params::table())
                 if (row.info.name == "eta") initial = row.info.default_value;
-            const auto eta = stated_index(d, initial);
+            if (!initial) return;  // takes that of its surroundings
+            const auto eta = stated_index(d, *initial);
             if (eta && eta->min_value() > 0.0 && eta->is_finite()) found.push_back(*eta);
         }
     });
@@ -370,8 +371,11 @@ bool ModelRecipe<R>::textured() const {
 template <class R>
 const ModelRecipe<R>* ModelRecipe<R>::interface() const {
     const ModelRecipe* found = nullptr;
-    visit_model(made.model, [&]<class M>(const M&) {
-        if constexpr (InterfaceModel<M, R>) found = this;
+    visit_model(made.model, [&]<class M>(const M& m) {
+        if constexpr (requires { m.bounds_medium(); })
+            found = m.bounds_medium() ? this : nullptr;
+        else if constexpr (InterfaceModel<M, R>)
+            found = this;
     });
     for (const auto& slot : nested)
         if (!found) found = slot.recipe->interface();

@@ -57,6 +57,7 @@ class Photon {
         for (int depth = 0; depth < kMaxDepth; ++depth) {
             const RayHit hit = scene_.intersect(ray_);
             if (hit.missed()) return;
+            fade(hit.t);
             const SurfaceHit next = scene_.surface(ray_, hit);
             if (next.material < 0) return;
             land(s, next);
@@ -77,7 +78,8 @@ class Photon {
 
     bool first_event(const SurfaceHit& s, const LightSample& light) {
         const bool interior = scene_.materials()[s.material].has_interior;
-        if (interior && dot(s.point.n_g, light.wi) < 0) inside_.enter(s.material, 0, counters_);
+        if (interior && dot(s.point.n_g, light.wi) < 0)
+            inside_.enter(s.material, scene_.materials()[s.material], counters_);
         const auto sample = scatter(s, light.wi);
         if (!sample) return false;
         const bool delta = (sample->lobe & kSpecular) != 0;
@@ -96,6 +98,16 @@ class Photon {
 
     static float flux_per_area(const SurfaceHit& s, const LightSample& light) {
         return light.weight.luminance() * std::abs(dot(s.point.n_g, light.wi));
+    }
+
+    /// A medium that scatters takes its part away; one that only absorbs changes no order of
+    /// places.
+    void fade(float t) {
+        const int medium = inside_.current();
+        if (medium < 0 || !scene_.materials()[medium].scatters) return;
+        const float left = std::exp(-scene_.materials()[medium].sigma_t.min_value() * t);
+        flux_ *= left;
+        radiance_ *= left;
     }
 
     bool event(const SurfaceHit& s) { return scatter(s, -ray_.direction).has_value(); }
@@ -122,7 +134,7 @@ class Photon {
         radiance_ *= through / survival;
         if ((sample->lobe & kTransmission) != 0 && record.has_interior) {
             if (entering)
-                inside_.enter(s.material, record.priority, counters_);
+                inside_.enter(s.material, record, counters_);
             else
                 inside_.leave(s.material, counters_);
         }
@@ -190,7 +202,9 @@ class SharpSurface {
 
 std::vector<SharpSurface> sharp_surfaces(const Scene& scene) {
     const auto sharp = [&](int material) {
-        return material >= 0 && (scene.materials()[material].lobes & (kGlossy | kSpecular)) != 0;
+        if (material < 0) return false;
+        const std::uint8_t lobes = scene.materials()[material].lobes;
+        return lobes != kNullLobes && (lobes & (kGlossy | kSpecular)) != 0;
     };
     std::vector<SharpSurface> out;
     for (std::uint32_t i = 0; i < scene.meshes().size(); ++i)

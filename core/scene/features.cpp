@@ -19,7 +19,8 @@ Features of_material(const MaterialRecord& r) {
            when((r.features & kFeatureAnisotropic) != 0, kNeedsTangents) |
            when(r.textured(), kNeedsTextures) | when(r.mapped(), kNeedsMaps) |
            when(r.passes, kNeedsPassing) | when(r.has_interior, kNeedsInteriors) |
-           when(r.dispersive, kNeedsDispersion) | when((r.lobes & kSpecular) != 0, kHasDelta);
+           when(r.dispersive, kNeedsDispersion) | when(r.scatters, kNeedsScattering) |
+           when((r.lobes & kSpecular) != 0, kHasDelta);
 }
 
 }  // namespace

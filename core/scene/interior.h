@@ -19,28 +19,18 @@ class InteriorStack {
 
     /// Material of the medium at this point: the highest priority, the newest among equals; -1 is
     /// the vacuum outside of everything.
-    int current() const { return current_without(-1); }
+    int current() const { return best(kNone, true); }
 
-    /// The medium once `material` (its newest entry) is taken away.
-    int current_without(int material) const {
-        const std::size_t skip = newest(material);
-        int best = -1, best_priority = 0;
-        for (std::size_t i = 0; i < size_; ++i) {
-            if (i == skip) continue;
-            if (best < 0 || entries_[i].priority >= best_priority) {
-                best = entries_[i].material;
-                best_priority = entries_[i].priority;
-            }
-        }
-        return best;
-    }
+    /// The medium that refracts once `material` (its newest entry) is taken away, -1 takes nothing:
+    /// one without an index of its own leaves that to what it lies in.
+    int refracting_without(int material) const { return best(newest(material), false); }
 
-    void enter(int material, int priority, Counters& counters) {
+    void enter(int material, const MaterialRecord& record, Counters& counters) {
         if (size_ == kCapacity) {
             ++counters.interior_overflow;
             return;
         }
-        entries_[size_++] = {material, priority};
+        entries_[size_++] = {material, record.priority, record.matched};
     }
 
     void leave(int material, Counters& counters) {
@@ -58,8 +48,21 @@ class InteriorStack {
  private:
     struct Entry {
         int material = -1, priority = 0;
+        bool matched = false;
     };
     static constexpr std::size_t kNone = ~std::size_t(0);
+
+    int best(std::size_t skip, bool with_matched) const {
+        int best = -1, best_priority = 0;
+        for (std::size_t i = 0; i < size_; ++i) {
+            if (i == skip || (entries_[i].matched && !with_matched)) continue;
+            if (best < 0 || entries_[i].priority >= best_priority) {
+                best = entries_[i].material;
+                best_priority = entries_[i].priority;
+            }
+        }
+        return best;
+    }
 
     std::size_t newest(int material) const {
         for (std::size_t i = size_; i-- > 0;)
@@ -87,14 +90,15 @@ inline InterfaceCrossing cross_interface(const MaterialTable& materials, int mat
         const auto dispersive = [&](int m) { return m >= 0 && materials[m].dispersive; };
         return {false, eta(to) / eta(from), dispersive(from) || dispersive(to)};
     };
+    const bool matched = materials[material].matched;
     if (entering) {
         const int around = inside.current();
         if (around >= 0 && materials[around].priority > materials[material].priority)
             return {true, 1, false};
-        return between(around, material);
+        return matched ? InterfaceCrossing{} : between(inside.refracting_without(-1), material);
     }
     if (inside.contains(material) && inside.current() != material) return {true, 1, false};
-    return between(material, inside.current_without(material));
+    return matched ? InterfaceCrossing{} : between(material, inside.refracting_without(material));
 }
 
 }  // namespace matiere

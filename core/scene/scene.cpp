@@ -209,7 +209,7 @@ void Scene::find_camera_interior() {
     }
     Counters ignored;
     for (auto it = inside.rbegin(); it != inside.rend(); ++it)
-        camera_interior_.enter(*it, (*materials_)[*it].priority, ignored);
+        camera_interior_.enter(*it, (*materials_)[*it], ignored);
 }
 
 }  // namespace matiere

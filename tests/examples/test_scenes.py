@@ -27,7 +27,9 @@ def small(path: Path, spp: int = 4) -> dict[str, Any]:
 
 
 def test_there_are_scenes() -> None:
-    assert {"cornell", "first", "glass_sphere", "rough_metals"} <= {p.stem for p in SCENES}
+    assert {"cornell", "first", "glass_sphere", "rough_metals", "subsurface"} <= {
+        p.stem for p in SCENES
+    }
 
 
 @pytest.mark.parametrize("path", SCENES, ids=lambda p: p.stem)
@@ -43,6 +45,19 @@ def test_cornell_box_is_the_builder_s(example: Callable[[str], ModuleType]) -> N
     builder = example("make_cornell_box.py")
     text = (ROOT / "examples" / "scenes" / "cornell.json").read_text(encoding="utf-8")
     assert text == builder.to_text(builder.cornell_box())
+
+
+def test_the_scattering_media_are_the_builder_s(example: Callable[[str], ModuleType]) -> None:
+    builder = example("make_subsurface.py")
+    text = (ROOT / "examples" / "scenes" / "subsurface.json").read_text(encoding="utf-8")
+    assert text == builder.to_text(builder.subsurface())
+    positions, triangles, normals = builder.candle()
+    a, b, c = (positions[triangles[:, k]] for k in range(3))
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
+    assert 1.0 < volume < 1.5  # closed, and turned outwards
+    edges = np.sort(np.concatenate([triangles[:, [0, 1]], triangles[:, [1, 2]],
+                                    triangles[:, [2, 0]]]), axis=1)  # fmt: skip
+    assert np.all(np.unique(edges, axis=0, return_counts=True)[1] == 2)
 
 
 def test_cornell_box_is_red_on_the_left_and_lit_from_above() -> None:

@@ -72,7 +72,7 @@ def textured() -> Any:
     return d
 
 
-def full() -> Any:
+def clear() -> Any:
     """Dispersive and absorbing glass in glass, and a leaf with holes."""
     d = textured()
     glass = d.add_material("dielectric", {"eta": (1.50, 1.52, 1.54)})
@@ -84,7 +84,23 @@ def full() -> Any:
     return d
 
 
-SCENES = {"diffuse": diffuse, "opaque": opaque, "textured": textured, "full": full}
+def full() -> Any:
+    """Fog around everything, which glass and leaf stand in, and milk."""
+    d = clear()
+    fog = {"sigma_s": (0.02, 0.03, 0.05), "sigma_a": 0.01, "g": 0.6}
+    d.add_sphere((0, 1, 1), 9, d.add_material("null", fog, priority=-1))
+    milk = {"eta": 1.33, "alpha": 0.1, "scattering_albedo": (0.99, 0.9, 0.8), "mean_free_path": 0.1}
+    d.add_sphere((-0.9, 0.4, 1.9), 0.3, d.add_material("dielectric", milk))
+    return d
+
+
+SCENES = {
+    "diffuse": diffuse,
+    "opaque": opaque,
+    "textured": textured,
+    "clear": clear,
+    "full": full,
+}
 
 
 @pytest.fixture(scope="module")
@@ -181,6 +197,7 @@ ONE_MORE = {
     "emission": lambda d: d.add_sphere(
         (0, 0.5, 0), 0.5, d.add_material("lambert", {}, emission=1.0)
     ),
+    "fog": lambda d: d.add_sphere((0, 0.5, 0), 0.5, d.add_material("null", {"sigma_s": 1.0})),
     "glass": lambda d: d.add_sphere((0, 0.5, 0), 0.5, d.add_material("dielectric", {"eta": 1.5})),
 }
 

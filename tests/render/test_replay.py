@@ -134,7 +134,7 @@ def test_the_report_names_kernel_and_what_it_left_out() -> None:
     assert kernel["features"] == ["area_lights", "spheres"]
     assert {"interiors", "textures", "models"} <= set(kernel["left_out"])
     kernel = mt.render(scene(4, "glass"), spp=4).report["kernel"]
-    assert kernel["name"] == "full" and kernel["left_out"] == []
+    assert kernel["name"] == "clear" and kernel["left_out"] == ["scattering"]
     assert {"interiors", "environment", "delta_lobes"} <= set(kernel["features"])
 
 

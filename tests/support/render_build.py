@@ -6,7 +6,19 @@ import numpy as np
 
 from matiere import _core
 
+BOX = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], float)
+BOX_TRIANGLES = [
+    [0, 1, 3], [0, 3, 2], [4, 6, 7], [4, 7, 5], [0, 4, 5], [0, 5, 1],
+    [2, 3, 7], [2, 7, 6], [0, 2, 6], [0, 6, 4], [1, 5, 7], [1, 7, 3],
+]  # fmt: skip
 FLOOR = ([[-9, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]], [[0, 2, 1], [0, 3, 2]])
+
+
+def box(
+    d: Any, half: tuple[float, float, float], center: tuple[float, float, float], m: int
+) -> None:
+    """Add an axis-aligned box."""
+    d.add_mesh(BOX * half + center, BOX_TRIANGLES, material=m)
 
 
 def look_at_point(

@@ -1,4 +1,4 @@
-"""Twelve small scenes that span what the tracer does, for coverage and unbiasedness.
+"""Small scenes that span what the tracer does, for coverage and unbiasedness.
 
 `twelve(size)` returns documents by name; each takes a fraction of a second at 32 x 32. They are our
 own; `veach_mis` has the plates and lamps of Veach's test, not its file.
@@ -150,6 +150,17 @@ def _layered(size: int) -> Scene:
     return _set(size, materials, shapes, [_lamp([-1, 4, -1], 2, 2, 10.0)], SKY)
 
 
+def _subsurface(size: int) -> Scene:
+    """Wax with a smooth surface, and smoke without one, in which the lamp is looked for."""
+    wax = {"scattering_albedo": [0.98, 0.9, 0.7], "mean_free_path": [0.2, 0.12, 0.08], "g": 0.3}
+    materials = {
+        "wax": {"type": "dielectric", "eta": 1.44} | wax,
+        "smoke": {"type": "null", "sigma_s": [1.0, 1.5, 2.5], "sigma_a": 0.2, "g": -0.2},
+    }
+    shapes = [_box([-1.5, 0.02, -0.6], [-0.3, 1.2, 0.6], "wax"), _ball([0.9, 0.9, 0], 0.8, "smoke")]
+    return _set(size, materials, shapes, [_lamp([-1, 4, -1], 2, 2, 10.0)], SKY)
+
+
 def _dispersion(size: int) -> Scene:
     glass = {"type": "dielectric", "eta": [1.50, 1.55, 1.62]}
     block = _box([-0.7, 0.02, -0.7], [0.7, 1.4, 0.7], "glass")
@@ -193,7 +204,7 @@ def _many_lights(size: int) -> Scene:
 
 
 def twelve(size: int = 32) -> dict[str, Scene]:
-    """Return the twelve scenes by name, `size` x `size` pixels."""
+    """Return the scenes by name, `size` x `size` pixels."""
     return {
         "cornell": interior(size),
         "veach_mis": _veach_mis(size),
@@ -204,6 +215,7 @@ def twelve(size: int = 32) -> dict[str, Scene]:
         "textures": _textures(size),
         "layered": _layered(size),
         "dispersion": _dispersion(size),
+        "subsurface": _subsurface(size),
         "enclosure": _enclosure(size),
         "metals": _metals(size),
         "many_lights": _many_lights(size),

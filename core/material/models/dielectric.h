@@ -1,4 +1,4 @@
-// Interface between two clear media, smooth or rough, with an absorbing interior.
+// Interface between two media, smooth or rough, whose inside may absorb and scatter.
 // Smooth: exact Fresnel, Snell, total internal reflection. Rough: Walter et al. 2007 with visible
 // normals, reflection and transmission chosen per facet by F. Transmission carries 1 / eta^2, as
 // radiance does (camera paths).
@@ -10,18 +10,11 @@
 #pragma once
 
 #include "material/interface_loss.h"
+#include "material/medium_params.h"
 #include "material/model.h"
-#include "optics/absorption.h"
 #include "optics/fresnel.h"
 
 namespace matiere {
-
-/// The medium inside an interface.
-template <class R>
-struct Interior {
-    Spectrum<R> eta{R(1)};  ///< per lane; unequal: the medium disperses light
-    Spectrum<R> sigma_a;    ///< [1/m]
-};
 
 /// The lane whose index stands for a dispersive medium where no path has picked one.
 inline constexpr int kMiddleLane = 1;
@@ -29,59 +22,33 @@ inline constexpr int kMiddleLane = 1;
 template <class R>
 struct Dielectric {
     static constexpr std::string_view kName = "dielectric";
-    static constexpr std::string_view kDoc = "Clear medium with absorption: glass, water, ice.";
+    static constexpr std::string_view kDoc = "Medium with a surface: glass, water, milk, wax.";
     static constexpr std::string_view kSource =
-        "Walter et al. 2007; Heitz 2014; Kulla & Conty 2017; Beer-Lambert";
+        "Walter et al. 2007; Heitz 2014; Kulla & Conty 2017; Beer-Lambert; Henyey & Greenstein "
+        "1941";
     static constexpr std::uint32_t kFeatures = kFeatureReflection | kFeatureTransmission |
                                                kFeatureInterior | kFeatureDelta |
                                                kFeatureAnisotropic;
 
-    struct Params : AlphaParams<R> {
-        Value<R> at_distance;
-        Value<Spectrum<R>> eta, sigma_a, transmittance, attenuation_per_metre;
+    struct Params : AlphaParams<R>, MediumParams<R> {
+        Value<Spectrum<R>> eta;
         const InterfaceSides<R>* sides = nullptr;
 
         static constexpr auto table() {
             return join(
-                std::array{
-                    color("eta", &Params::eta,
-                          "Index of refraction of the interior; [r, g, b] disperses light.")
-                        .above(0, 1000)
-                        .initially(1.5)
-                        .constant_only(),
-                    color("sigma_a", &Params::sigma_a, "Absorption coefficient of the interior.")
-                        .range(0, kUnlimited)
-                        .initially(0)
-                        .unit("1/m")
-                        .constant_only(),
-                    color("transmittance", &Params::transmittance,
-                          "Share of light left after at_distance.")
-                        .range(0, 1)
-                        .constant_only(),
-                    scalar("at_distance", &Params::at_distance,
-                           "Way after which transmittance is left.")
-                        .above(0, kUnlimited)
-                        .unit("m")
-                        .constant_only(),
-                    color("attenuation_per_metre", &Params::attenuation_per_metre,
-                          "Factor a of the law a^d: what light is multiplied by in each metre.")
-                        .range(0, 1)
-                        .unit("1/m")
-                        .constant_only()},
-                join(AlphaParams<R>::template rows<Params>(0.0),
-                     AlphaParams<R>::template multiscatter_row<Params>()));
+                std::array{color<Params, R>(
+                               "eta", &Params::eta,
+                               "Index of refraction of the interior; [r, g, b] disperses light.")
+                               .above(0, 1000)
+                               .initially(1.5)
+                               .constant_only()},
+                join(join(MediumParams<R>::template absorption_rows<Params>(),
+                          MediumParams<R>::template scattering_rows<Params>()),
+                     join(AlphaParams<R>::template rows<Params>(0.0),
+                          AlphaParams<R>::template multiscatter_row<Params>())));
         }
         static constexpr auto rules() {
-            return join(std::array{exclusive("sigma_a", "transmittance", "attenuation_per_metre"),
-                                   together("transmittance", "at_distance")},
-                        AlphaParams<R>::rules());
-        }
-        Spectrum<R> absorption() const {
-            if (transmittance.given)
-                return sigma_a_from_transmittance(transmittance.v, at_distance.v);
-            if (attenuation_per_metre.given)
-                return sigma_a_from_transmittance(attenuation_per_metre.v, R(1));
-            return sigma_a.v;
+            return join(MediumParams<R>::rules(), AlphaParams<R>::rules());
         }
     };
 
@@ -102,7 +69,7 @@ struct Dielectric {
     }
     static Dielectric prepare(const Params& p) {
         const R middle = p.eta.v[kMiddleLane];
-        const Interior<R> inside{p.eta.v, p.absorption()};
+        const Interior<R> inside = p.interior(p.eta.v);
         const Dielectric d{p.microfacet(), middle, inside, p.sides, CoatTables<R>{}.view(p), {}};
         return d.at_interface(middle);
     }
