@@ -145,6 +145,7 @@ void bind_plan(py::module_& m) {
             },
             py::arg("index"));
     m.attr("MAX_SPP") = Plan::kMaxSpp;
+    m.attr("OPEN_ENDED_SPP") = Plan::kOpenEndedSpp;
 }
 
 void bind_chunk_film(py::module_& m) {

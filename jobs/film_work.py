@@ -104,7 +104,7 @@ class FilmWork:
         if self.pixel_samples == 0 or self.seconds <= 0.0:
             return 0
         spp = seconds * SECONDS_SLACK * self.pixel_samples / (self.seconds * self.pixels)
-        above = int(self.plan.round_up(max(1, min(int(spp) + 1, self._work.MAX_SPP))))
+        above = int(self.plan.round_up(max(1, min(int(spp) + 1, self._work.OPEN_ENDED_SPP))))
         ranges = int(self.plan.ranges(above))
         return int(self.plan.boundary(ranges - 1))
 

@@ -128,7 +128,7 @@ class Submitter:
         return JobSpec(
             film=film,
             stop=stop,
-            spp_cap=int(plan.round_up(stop["spp"] or self._work.MAX_SPP)),
+            spp_cap=int(plan.round_up(stop["spp"] or self._work.OPEN_ENDED_SPP)),
             output=facts["output"],
             priority=request.priority,
             label=request.label,

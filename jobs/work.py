@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from matiere.scene.assets import AssetRoot
     from matiere.scene.scene import Scene
 
-MAX_SPP = 2**20
+OPEN_ENDED_SPP = 2**20
 STOP_KEYS = ("spp", "seconds", "target_error")
 INTERVAL = "95 %"
 

@@ -10,6 +10,7 @@ Triple = tuple[float, float, float]
 
 DEFAULT_REPLICATES: int
 MAX_SPP: int
+OPEN_ENDED_SPP: int
 CONFIDENCE: float
 
 class SceneError(ValueError):

@@ -11,7 +11,7 @@ namespace {
 
 constexpr std::uint64_t kDoublings = 4;  // ranges that end at R, 2R, 4R, 8R
 constexpr std::uint64_t kStep = 4;       // then 4R at a time
-constexpr std::uint64_t kMaxRanges = std::uint64_t(1) << 22;
+constexpr std::uint64_t kMaxRanges = std::uint64_t(1) << 23;
 constexpr double kTargetTiles = 64.0;
 
 int divide_up(int a, int b) { return (a + b - 1) / b; }
@@ -70,7 +70,7 @@ std::uint64_t Plan::boundary(std::uint64_t k) const {
 
 std::uint64_t Plan::ranges(std::uint64_t spp) const {
     if (spp > kMaxSpp)
-        throw SceneError("bad_spp", "spp is at most 1048576, not " + std::to_string(spp),
+        throw SceneError("bad_spp", "spp is at most " + std::to_string(kMaxSpp) + ", not " + std::to_string(spp),
                          "/render/spp");
     for (std::uint64_t k = 0; k <= kDoublings; ++k)
         if (boundary(k) >= spp) return k;

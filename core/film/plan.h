@@ -33,8 +33,10 @@ class Plan {
     static constexpr int kMaxReplicates = 64;
     static constexpr int kMaxEdge = 65536;
     static constexpr int kFinestLooks = 8;  ///< per octave
-    /// Ceiling of samples per pixel, also the cap where only seconds or an error is asked for.
-    static constexpr std::uint64_t kMaxSpp = std::uint64_t(1) << 20;
+    /// Most samples per pixel.
+    static constexpr std::uint64_t kMaxSpp = std::uint64_t(1) << 24;
+    /// The cap where only seconds or an error is asked for.
+    static constexpr std::uint64_t kOpenEndedSpp = std::uint64_t(1) << 20;
 
     /// Width and height are those of the pixels stored (the crop). Throws SceneError if unusable;
     /// an adaptive plan needs an even number of replicates, at least 4.

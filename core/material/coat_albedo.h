@@ -140,9 +140,10 @@ inline void average_over_azimuth(AlbedoTable<double>& table, Vec2<double> a) {
 /// Tables of a lobe whose widths are constant, or (textured) equal and not.
 template <class R>
 const AlbedoTable<R>* tabulate_lobe(Vec2<R> widths, bool textured, const MakeAlbedoRow& make,
-                                    TableStore<R>& store, double ceiling = 1.0) {
+                                    TableStore<R>& store, double ceiling = 1.0,
+                                    int nodes = AlbedoTable<double>::kNodes) {
     const Vec2<double> a{double(widths.x), double(widths.y)};
-    AlbedoTable<double> table = tabulate_albedo(coat_rows(a, textured, make), ceiling);
+    AlbedoTable<double> table = tabulate_albedo(coat_rows(a, textured, make), ceiling, nodes);
     if (!textured && a.x != a.y) average_over_azimuth(table, a);
     return store.add(table.template cast<R>());
 }

@@ -108,18 +108,24 @@ template <class R>
 const InterfaceSides<R>* tabulate_interface(const AlphaParams<R>& p, const Spectrum<R>& eta,
                                             TableStore<R>& store) {
     InterfaceSides<R> sides;
+    const Vec2<R> a = p.alphas();
+    const bool one_row = a.x == a.y && !p.any_textured();
     const auto add = [&](double ratio) {
         for (const auto& side : sides)
             if (std::abs(double(side.eta) / ratio - 1.0) < 1e-7) return;
         const MakeAlbedoRow row = [&](double alpha_x, double alpha_y, double azimuth) {
             const Microfacet<double> surface = double_surface(p, alpha_x, alpha_y);
-            const double width =
-                std::hypot(alpha_x * std::cos(azimuth), alpha_y * std::sin(azimuth));
-            return AlbedoRow{width, azimuth, [surface, ratio](Vec3d wo) {
-                                 return Spectrumd(interface_albedo(surface, wo, ratio));
+            // At grazing the share goes with the logarithm of the cosine, however rough the
+            // surface.
+            constexpr double kGrazing = 4e-3;
+            const double width = std::min(
+                std::hypot(alpha_x * std::cos(azimuth), alpha_y * std::sin(azimuth)), kGrazing);
+            return AlbedoRow{width, azimuth, [surface, ratio, one_row](Vec3d wo) {
+                                 return Spectrumd(interface_albedo(surface, wo, ratio, one_row));
                              }};
         };
-        sides.push_back({R(ratio), tabulate_lobe(p.alphas(), p.any_textured(), row, store)});
+        const int nodes = one_row ? 192 : 96;  // a critical angle bends the share within alpha
+        sides.push_back({R(ratio), tabulate_lobe(a, p.any_textured(), row, store, 1.0, nodes)});
     };
     for (const Spectrumd& medium : store.media)
         for (int lane = 0; lane < kActiveLanes; ++lane) {

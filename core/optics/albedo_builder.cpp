@@ -85,15 +85,16 @@ AlbedoRow surface_row(const Microfacet<double>& surface, double azimuth,
     return {width, azimuth, [=](Vec3d wo) { return directional_albedo(surface, wo, reflectance); }};
 }
 
-AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows, double ceiling) {
+AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows, double ceiling, int nodes) {
     AlbedoTable<double> table;
+    table.nodes = nodes;
     table.ceiling = ceiling;
     table.average.resize(rows.size());
     for (const AlbedoRow& row : rows) {
         const double scale = AlbedoTable<double>::cosine_scale(row.width);
         table.stretch.push_back(Stretch<double>::make(scale));
         const int r = int(table.stretch.size()) - 1;
-        for (int i = 0; i < AlbedoTable<double>::kNodes; ++i) {
+        for (int i = 0; i < nodes; ++i) {
             // Grazing itself is a limit: taken just above it.
             const double mu = std::max(table.node_cosine(r, i), 1e-9);
             const double s = std::sqrt((1.0 - mu) * (1.0 + mu));

@@ -31,7 +31,8 @@ AlbedoRow surface_row(const Microfacet<double>& surface, double azimuth,
 
 /// A table with the given rows; averages come from the interpolated table itself, so that couplings
 /// built on both conserve energy exactly. `ceiling` is above 1 for lobes that gain energy.
-AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows, double ceiling = 1.0);
+AlbedoTable<double> tabulate_albedo(std::span<const AlbedoRow> rows, double ceiling = 1.0,
+                                    int nodes = AlbedoTable<double>::kNodes);
 
 /// 2 * integral of f(mu) mu dmu over [0, 1].
 Spectrumd cosine_average(const FacetReflectance& f);

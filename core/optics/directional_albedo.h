@@ -37,8 +37,9 @@ struct Stretch {
 /// The second axis t in [0, 1] is whatever the model varies (alpha of a texture, azimuth).
 template <class R>
 struct AlbedoTable {
-    static constexpr int kNodes = 64;
+    static constexpr int kNodes = 64;  ///< enough unless a critical angle bends the albedo
 
+    int nodes = kNodes;
     std::vector<Spectrum<R>> E;        ///< [row][node]
     std::vector<Spectrum<R>> average;  ///< [row]: 2 * integral of E(mu) mu dmu
     std::vector<Stretch<R>> stretch;   ///< [row]: of the cosine
@@ -51,12 +52,13 @@ struct AlbedoTable {
 
     int rows() const { return int(average.size()); }
     R node_cosine(int row, int i) const {
-        return std::min(stretch[std::size_t(row)].backward(R(i) / R(kNodes - 1)), R(1));
+        return std::min(stretch[std::size_t(row)].backward(R(i) / R(nodes - 1)), R(1));
     }
 
     template <class To>
     AlbedoTable<To> cast() const {
         AlbedoTable<To> t;
+        t.nodes = nodes;
         for (const auto& e : E) t.E.push_back(spectrum_cast<To>(e));
         for (const auto& a : average) t.average.push_back(spectrum_cast<To>(a));
         for (const auto& s : stretch) t.stretch.push_back(s.template cast<To>());
@@ -86,14 +88,14 @@ struct AlbedoTable {
     /// Cubic through four nodes (Catmull-Rom inside, one-sided at the ends).
     Spectrum<R> row_value(int row, R cos_theta) const {
         const R mu = std::clamp(cos_theta, R(0), R(1));
-        const R x = std::min(stretch[std::size_t(row)].forward(mu), R(1)) * R(kNodes - 1);
-        const int i = std::min(int(x), kNodes - 2);
+        const R x = std::min(stretch[std::size_t(row)].forward(mu), R(1)) * R(nodes - 1);
+        const int i = std::min(int(x), nodes - 2);
         const R w = x - R(i);
-        const Spectrum<R>* e = &E[std::size_t(row) * kNodes];
+        const Spectrum<R>* e = &E[std::size_t(row) * std::size_t(nodes)];
         const Spectrum<R>& b = e[i];
         const Spectrum<R>& c = e[i + 1];
         const Spectrum<R> a = i > 0 ? e[i - 1] : b * R(2) - c;
-        const Spectrum<R> d = i + 2 < kNodes ? e[i + 2] : c * R(2) - b;
+        const Spectrum<R> d = i + 2 < nodes ? e[i + 2] : c * R(2) - b;
         const R w2 = w * w;
         const R w3 = w2 * w;
         const Spectrum<R> value = b + (c - a) * (R(0.5) * w) +

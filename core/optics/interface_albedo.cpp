@@ -24,7 +24,7 @@ double scattered(const Microfacet<double>& surface, Vec3d wo, Vec3d h, double et
 
 }  // namespace
 
-double interface_albedo(const Microfacet<double>& surface, Vec3d wo, double eta) {
+double interface_albedo(const Microfacet<double>& surface, Vec3d wo, double eta, bool fine) {
     if (surface.is_delta()) return 1.0;
     // Facets are visited as a GGX surface of the same widths shows them (it has the heaviest
     // tails); of V-cavities, by D cos.
@@ -36,18 +36,18 @@ double interface_albedo(const Microfacet<double>& surface, Vec3d wo, double eta)
     if (round) wo = {std::sqrt(wo.x * wo.x + wo.y * wo.y), 0.0, wo.z};
     const Vec3d seen_from = cavity ? Vec3d{0.0, 0.0, 1.0} : wo;
     // A Fibonacci lattice: critical angle and horizon cut across any product of nodes.
-    constexpr int kPoints = 4181, kGenerator = 2584;
+    const int points = fine ? 17711 : 4181, generator = fine ? 10946 : 2584;
     double sum = 0.0;
-    for (int i = 0; i < kPoints; ++i) {
-        const double turn = (double(i) * kGenerator / kPoints);
+    for (int i = 0; i < points; ++i) {
+        const double turn = (double(i) * generator / points);
         const double azimuth = (turn - std::floor(turn)) * (round ? 0.5 : 1.0);
-        const Vec3d h = ggx.sample_visible(seen_from, {0.0, azimuth, (i + 0.5) / kPoints}).h;
+        const Vec3d h = ggx.sample_visible(seen_from, {0.0, azimuth, (i + 0.5) / points}).h;
         if (!(dot(wo, h) > 0.0)) continue;
         const double seen = surface.D(h) * surface.visible_over_D(wo, h);
         const double visited = ggx.D(h) * ggx.visible_over_D(seen_from, h);
         sum += scattered(surface, wo, h, eta) * (seen / visited);
     }
-    return std::min(sum / kPoints, 1.0);
+    return std::min(sum / points, 1.0);
 }
 
 }  // namespace matiere

@@ -7,7 +7,7 @@
 namespace matiere {
 
 /// Share of the light from wo that single scattering reflects or transmits, by quadrature; `eta` is
-/// the index beyond the surface over that on the side of wo.
-double interface_albedo(const Microfacet<double>& surface, Vec3d wo, double eta);
+/// the index beyond the surface over that on the side of wo. Fine: four times the points.
+double interface_albedo(const Microfacet<double>& surface, Vec3d wo, double eta, bool fine);
 
 }  // namespace matiere

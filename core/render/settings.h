@@ -15,7 +15,7 @@ using Settings = PathSettings;
 
 /// Whichever comes first ends the render; zero = not asked for.
 struct Stop {
-    std::uint64_t spp = 0;  ///< rounded up to a boundary of the plan; absent = Plan::kMaxSpp
+    std::uint64_t spp = 0;  ///< rounded up to a boundary of the plan; absent = Plan::kOpenEndedSpp
     double seconds = 0.0;   ///< wall time of this call
     /// Error targets, at most one: reached when the upper end of the any-time interval is below it.
     double relmse = 0.0;

@@ -53,7 +53,7 @@ inline bool look_due(const Plan& plan, const Stop& stop, std::uint64_t spp) {
 
 /// Boundary at which the render ends if nothing else ends it.
 inline std::uint64_t spp_limit(const Plan& plan, const Stop& stop) {
-    return plan.round_up(stop.spp > 0 ? stop.spp : Plan::kMaxSpp);
+    return plan.round_up(stop.spp > 0 ? stop.spp : Plan::kOpenEndedSpp);
 }
 
 inline Step next_step(const Plan& plan, const Stop& stop, const RenderState& now) {

@@ -34,7 +34,7 @@ TARGET = {"target_error": {"relmse": 0.01}}
         (TARGET, {"spp": 8, "excess": 0.1}, True, None, 16),
         (TARGET, {"spp": 32, "excess": 0.9, "error_spp": 16}, True, None, 48),
         (TARGET, {"spp": 32}, True, None, 48),
-        (TARGET, {"spp": _core.MAX_SPP}, False, "cap", _core.MAX_SPP),
+        (TARGET, {"spp": _core.OPEN_ENDED_SPP}, False, "cap", _core.OPEN_ENDED_SPP),
         # whichever comes first
         ({"spp": 64, **TARGET}, {"spp": 32, "excess": 0.9}, False, "target_error", 32),
         ({"spp": 32, **TARGET}, {"spp": 32, "excess": 2}, False, "spp", 32),

@@ -20,7 +20,7 @@ import numpy as np
 
 from matiere.errors import AssetChanged, Fault, SceneValidationError
 
-MAX_SPP = 2**20
+OPEN_ENDED_SPP = 2**20
 TILE = 8
 JsonDict = dict[str, Any]
 

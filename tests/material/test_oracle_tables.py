@@ -6,24 +6,13 @@ from typing import Any
 
 import facet_quadrature
 import numpy as np
+import oracle
 import pytest
-from oracle_check import judge_table, views
+from oracle_check import DEGREES, OTHERS, directions, judge_table
 
 from matiere import _core
 
-DEGREES = (0.0, 45.0, 85.0, 89.9)
-OTHERS = (0.0, 30.0, 70.0, 85.0, 89.9)
 Widths = tuple[float, float]
-
-
-def directions() -> list[tuple[np.ndarray, np.ndarray]]:
-    """Return pairs far from each other's mirror image, and each other's mirror image."""
-    found = []
-    for o in views(DEGREES):
-        for i in views(OTHERS):
-            turned = np.array([-i[1], i[0], i[2]], np.float32)
-            found += [(o, turned), (o, i * np.float32([-1, -1, 1]))]
-    return found
 
 
 class Albedos:
@@ -114,3 +103,49 @@ def test_multiple_scattering(kind: str, alpha: float, masking: str) -> None:
         lost = (1 - E(o)) * (1 - E(i)) / (1 - E.average)
         exact = lobe.eval(o, i)[0, 0] + share * lost * i[2] / np.pi
         judge_table(b.eval(o, i)[0, 0], exact, i[2] / np.pi, (kind, shape, o, i))
+
+
+class Lost:
+    """1 - E of single scattering at an interface from one side, by quadrature."""
+
+    def __init__(self, shape: dict[str, Any], side: int) -> None:
+        self.lobe, self.side = _core.Bsdf("dielectric", shape, "double"), side
+        x, w = np.polynomial.legendre.leggauss(48)
+        mu = ((x + 1) / 2) ** 2  # gathers nodes at grazing
+        self.average = float(np.sum(2 * mu * np.sqrt(mu) * w * self.at(mu, 1 << 17)))
+
+    def at(self, mu: np.ndarray, n: int) -> np.ndarray:
+        w = np.stack([np.sqrt(1 - mu * mu), 0 * mu, self.side * mu], -1)
+        return 1 - self.lobe.albedo(w, n=n)[:, 0].astype(float)
+
+
+def let_through(eta: float) -> float:
+    """Return 1 - F_avg of light from everywhere that meets an interface of relative index eta."""
+    x, w = np.polynomial.legendre.leggauss(64)
+    reflected = [float(oracle.fresnel_dielectric(mu, max(eta, 1 / eta))) for mu in (x + 1) / 2]
+    return float(1 - np.sum(w * (x + 1) / 2 * reflected)) * min(1.0, eta**2)
+
+
+@pytest.mark.parametrize("alpha", [pytest.param(0.1, marks=SLOW), 0.5, pytest.param(1, marks=SLOW)])
+@pytest.mark.parametrize("eta", [1.5, pytest.param(0.7, marks=SLOW), pytest.param(2.4, marks=SLOW)])
+@pytest.mark.parametrize("masking", ["smith", pytest.param("v_cavity", marks=SLOW)])
+def test_multiple_scattering_of_an_interface(alpha: float, eta: float, masking: str) -> None:
+    shape = {"eta": eta, "alpha": alpha, "masking": masking}
+    b = _core.Bsdf("dielectric", {**shape, "multiscatter": True})
+    mu = np.cos(np.radians(sorted({*DEGREES, *OTHERS})))
+    sides = {side: Lost(shape, side) for side in (1, -1)}
+    n = 1 << 22 if alpha < 0.5 else 1 << 18  # so that what is lost has its digits too
+    lost = {side: dict(zip(np.round(mu, 4), sides[side].at(mu, n), strict=True)) for side in sides}
+    for side in (1, -1):
+        here, there, relative = sides[side], sides[-side], eta**side
+        crossing = let_through(relative) * min(1, there.average / here.average)
+        for o, i in directions():
+            for across in (1, -1):
+                wo, wi = o * np.float32([1, 1, side]), i * np.float32([1, 1, side * across])
+                out = sides[side * across]
+                share = 1 - crossing if across > 0 else crossing / relative**2
+                white = i[2] / np.pi * (1 if across > 0 else relative**-2)
+                leaves = lost[side * across][round(float(i[2]), 4)] / out.average
+                more = share * lost[side][round(float(o[2]), 4)] * leaves * i[2] / np.pi
+                exact = here.lobe.eval(wo, wi)[0, 0] + more
+                judge_table(b.eval(wo, wi)[0, 0], exact, white, (shape, side, o, i, across))

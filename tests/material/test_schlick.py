@@ -4,13 +4,14 @@ from __future__ import annotations
 
 from typing import Any
 
+import facet_quadrature
 import numpy as np
 import oracle
 import oracle_models
 import pytest
 from extremes import direction
 from mpmath import mpf, pi, sqrt
-from oracle_check import check_model, f32
+from oracle_check import check_model, directions, f32, judge_table
 from pydantic import ValidationError
 
 import matiere as mt
@@ -198,6 +199,58 @@ def test_schlick_matches_fifty_digits(variant: str, r: float, p: float, C: float
         return  # one width is at the smallest that float carries
     b = schlick(layer(par["C"], par["r"], par["p"]), precision="float", variant=variant)
     check_model(b, model(par), par)
+
+
+def two_layers(p: dict[str, Any], q: dict[str, Any]) -> Any:
+    """The published form of a layer over another: the light that S of the upper leaves."""
+    upper, lower = model(p), model(q)
+    C, below, least = mpf(p["C"]), mpf(q["C"]), mpf(1) / 21
+
+    def both(*x: Any) -> tuple[Any, Any]:
+        o, i = oracle_models.split(x)
+        left = (1 - C) * (1 - (1 - oracle.dot(o, oracle.vector_sum(o, i, 1))) ** 5)
+        rise = (1 - o[2]) ** 5
+        s, t = (c + (1 - c) * max(rise, least) for c in (C, below))
+        t *= max(1 - rise, least) * (1 - C)
+        (f, pdf), (f_below, pdf_below) = upper(*x), lower(*x)
+        return f + left * f_below, (s * pdf + t * pdf_below) / (s + t)
+
+    return both
+
+
+@pytest.mark.parametrize("r", [1e-6, 0.1, 0.4999, 0.9])
+@pytest.mark.parametrize(
+    "below", [{"r": 1e-3, "p": 1.0}, {"r": 0.3, "p": 0.1}, {"r": 1.0, "p": 1.0}]
+)
+@pytest.mark.parametrize("C", [0.0, 0.04, 0.999])
+def test_two_layers_match_fifty_digits(r: float, below: dict[str, float], C: float) -> None:
+    p = {"variant": "schlick94", "r": f32(r), "p": f32(0.7), "C": f32(C)}
+    q = {"variant": "schlick94", "r": f32(below[0]), "p": f32(below[1]), "C": f32(0.8)}
+    layers = [layer(x["C"], x["r"], x["p"]) for x in (p, q)]
+    check_model(schlick(*layers, precision="float", variant="schlick94"), two_layers(p, q), (p, q))
+
+
+@pytest.mark.parametrize(
+    "layers", [pytest.param(x, marks=[pytest.mark.slow] * (x[0]["p"] < 1)) for x in TWO]
+)
+def test_a_second_layer_gets_what_the_first_leaves_by_quadrature(layers: Any) -> None:
+    both = schlick(*layers, precision="float")
+    upper, lower = (schlick(x) for x in layers)
+    C, r, iso = (float(np.ravel(layers[0][key])[0]) for key in ("C", "r", "p"))
+    ax, ay = max(r * iso, 1e-8) ** 0.5, max(r / iso, 1e-8) ** 0.5
+    mirror = 1 - 4 * r * (1 - r) if r < 0.5 else 0.0
+
+    def E(w: np.ndarray) -> float:
+        w = w.astype(float) / np.linalg.norm(w.astype(float))
+        glossy = facet_quadrature.albedo(upper, w, ax, ay) if r > 0 else 0.0
+        return glossy + mirror * (C + (1 - C) * (1 - w[2]) ** 5)
+
+    for o, i in directions():
+        h = (o + i).astype(float)
+        u = float(o @ h / np.linalg.norm(h))
+        left = min((1 - C) * (1 - (1 - u) ** 5), 1 - max(E(o), E(i)))
+        exact = upper.eval(o, i)[0, 0] + left * lower.eval(o, i)[0, 0]
+        judge_table(both.eval(o, i)[0, 0], exact, i[2] / np.pi, (layers, o, i))
 
 
 def scene(layers: Any) -> dict[str, Any]:

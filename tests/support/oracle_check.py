@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 Floats = NDArray[np.float32]
 #: [deg] where models are compared with their oracles.
 DEGREES = (0.0, 45.0, 85.0, 89.9)
+OTHERS = (0.0, 30.0, 70.0, 85.0, 89.9)
 
 
 def f32(x: float) -> float:
@@ -24,6 +25,16 @@ def f32(x: float) -> float:
 def views(degrees: Sequence[float] = DEGREES) -> list[Floats]:
     """Return directions at angles from the normal, rounded to float."""
     return [np.array(direction(d, 0.4), dtype=np.float32) for d in degrees]
+
+
+def directions() -> list[tuple[Floats, Floats]]:
+    """Return pairs far from each other's mirror image, and each other's mirror image."""
+    found = []
+    for o in views(DEGREES):
+        for i in views(OTHERS):
+            turned = np.array([-i[1], i[0], i[2]], np.float32)
+            found += [(o, turned), (o, i * np.float32([-1, -1, 1]))]
+    return found
 
 
 def sampled_pairs(

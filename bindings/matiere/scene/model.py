@@ -20,8 +20,8 @@ from matiere.scene.shapes import Shape
 VERSION = 1
 MAX_PIXELS = 2**28
 MAX_EDGE = 65536
-MAX_SPP = 2**20
-OPEN_ENDED_SPP = MAX_SPP  # the cap when only `seconds` or `target_error` is given
+MAX_SPP = 2**24
+OPEN_ENDED_SPP = 2**20  # the cap when only `seconds` or `target_error` is given
 DEFAULT_SPP = 64
 DEFAULT_CONFIG = "studio-config-v4.0.0_aces-v2.0_ocio-v2.5"
 DEFAULT_DISPLAY = "sRGB - Display"
