@@ -165,7 +165,7 @@ def test_exposure_and_stop_rule_are_no_part_of_a_film(film: mt.Film) -> None:
     ("keys", "pointer"),
     [
         ({"spp": 0}, "/render/spp"),
-        ({"spp": 2**20 + 1}, "/render/spp"),
+        ({"spp": 2**24 + 1}, "/render/spp"),
         ({"spp": 1.5}, "/render/spp"),
         ({"spp": True}, "/render/spp"),
         ({"seconds": -1}, "/render/seconds"),

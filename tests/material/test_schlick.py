@@ -219,11 +219,9 @@ def two_layers(p: dict[str, Any], q: dict[str, Any]) -> Any:
 
 
 @pytest.mark.parametrize("r", [1e-6, 0.1, 0.4999, 0.9])
-@pytest.mark.parametrize(
-    "below", [{"r": 1e-3, "p": 1.0}, {"r": 0.3, "p": 0.1}, {"r": 1.0, "p": 1.0}]
-)
+@pytest.mark.parametrize("below", [(1e-3, 1.0), (0.3, 0.1), (1.0, 1.0)])
 @pytest.mark.parametrize("C", [0.0, 0.04, 0.999])
-def test_two_layers_match_fifty_digits(r: float, below: dict[str, float], C: float) -> None:
+def test_two_layers_match_fifty_digits(r: float, below: tuple[float, float], C: float) -> None:
     p = {"variant": "schlick94", "r": f32(r), "p": f32(0.7), "C": f32(C)}
     q = {"variant": "schlick94", "r": f32(below[0]), "p": f32(below[1]), "C": f32(0.8)}
     layers = [layer(x["C"], x["r"], x["p"]) for x in (p, q)]
