@@ -171,6 +171,18 @@ void bind_chunk_film(py::module_& m) {
 
 py::list tile_dicts(const Film& film, int edge);
 
+py::dict cut_energy_dict(const Film& film, const std::string& cause) {
+    if (cause != "max_depth" && cause != "threshold")
+        throw py::value_error("cause must be max_depth or threshold, not " + cause);
+    const CutEnergy e = film.cut_energy(cause == "max_depth" ? Cut::kDepth : Cut::kThreshold);
+    py::dict d;
+    d["paths"] = e.paths;
+    d["followed"] = e.followed;
+    d["radiance"] = e.radiance;
+    d["standard_error"] = e.standard_error;
+    return d;
+}
+
 void bind_film_class(py::module_& m) {
     py::class_<Film>(m, "Film", "Replicate sums of an image, folded chunk by chunk in double.")
         .def(py::init<int, int, int, bool>(), py::arg("width"), py::arg("height"),
@@ -205,6 +217,8 @@ void bind_film_class(py::module_& m) {
                 return view(f.first_counts(), {f.height(), f.width()}, self);
             },
             "Samples in the first half of the replicates; None unless the plan is adaptive.")
+        .def("cut_energy", &cut_energy_dict, py::arg("cause"),
+             "What max_depth or threshold cut off: paths, followed, radiance, standard_error.")
         .def("course", &film_course, py::arg("most"),
              "Of an adaptive film: done, the next chunks by position, and where rounds end.")
         .def("next_chunk", &Film::next_chunk, py::arg("strip"))

@@ -204,17 +204,14 @@ void bind_settings(py::module_& m) {
     py::class_<Settings>(m, "Settings", "What decides the value of a sample, beside the scene.")
         .def(py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
                          bool transparent_background, bool guide_caustics,
-                         const std::string& kernel) {
-                 return Settings{seed,
-                                 max_depth,
-                                 parse_strategy(strategy),
-                                 transparent_background,
-                                 guide_caustics,
-                                 parse_kernel(kernel)};
+                         const std::string& kernel, float threshold) {
+                 return Settings{
+                     seed,           max_depth, parse_strategy(strategy), transparent_background,
+                     guide_caustics, threshold, parse_kernel(kernel)};
              }),
              py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
              py::arg("transparent_background") = false, py::arg("guide_caustics") = true,
-             py::arg("kernel") = "")
+             py::arg("kernel") = "", py::arg("threshold") = 0.0F)
         .def_readonly("seed", &Settings::seed)
         .def_readonly("max_depth", &Settings::max_depth)
         .def_readonly("transparent_background", &Settings::transparent_background)

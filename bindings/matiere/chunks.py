@@ -49,7 +49,13 @@ def settings(model: SceneModel, strategy: str = "mis") -> _core.Settings:
 
     render = model.render
     depth = -1 if render.max_depth is None else render.max_depth
-    return _core.Settings(render.seed, depth, strategy, model.background == "transparent")
+    return _core.Settings(
+        render.seed,
+        depth,
+        strategy,
+        model.background == "transparent",
+        threshold=render.threshold or 0.0,
+    )
 
 
 def stop_rule(model: SceneModel) -> dict[str, Any]:

@@ -120,7 +120,8 @@ def _notes(a: Film, b: Film) -> list[str]:
         )
     if not np.array_equal(a.sample_counts, b.sample_counts):
         found.append("the films differ in samples per pixel; only the samples they share cancel")
-    if a.info.versions != b.info.versions or a.info.max_depth != b.info.max_depth:
+    limits = [(i.versions, i.max_depth, i.threshold) for i in (a.info, b.info)]
+    if limits[0] != limits[1]:
         found.append(why_different(a.info, b.info))
     return found
 

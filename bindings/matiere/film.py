@@ -31,6 +31,7 @@ class FilmInfo:
     scene_digest: str
     seeds: tuple[int, ...]
     max_depth: int | None = None
+    threshold: float | None = None
     adaptive: bool = False
     transparent: bool = False
     materials: tuple[str, ...] = ()  # names by index
@@ -55,6 +56,7 @@ class FilmInfo:
             scene_digest=scene.digest,
             seeds=(render.seed,),
             max_depth=render.max_depth,
+            threshold=render.threshold,
             adaptive=render.adaptive,
             transparent=scene.model.background == "transparent",
             materials=tuple(scene.model.materials),
@@ -280,6 +282,8 @@ def why_different(a: FilmInfo, b: FilmInfo) -> str:
         return "one film was sampled adaptively and the other was not"
     if a.max_depth != b.max_depth:
         return f"max_depth is {a.max_depth} in one film and {b.max_depth} in the other"
+    if a.threshold != b.threshold:
+        return f"threshold is {a.threshold} in one film and {b.threshold} in the other"
     return (
         "the films show different scenes (or the same scene with other film or render settings): "
         f"digests {a.scene_digest[:12]} and {b.scene_digest[:12]}"

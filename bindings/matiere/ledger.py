@@ -6,7 +6,7 @@ dropped or absorbed change what they estimate, alike in every replicate; these a
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -27,8 +27,11 @@ class Entry:
     biased: bool  # it moves the mean of the image
     count: int | None  # how often it happened; None = not counted
     share: float | None  # count over samples
-    relative_bias: float | None  # bound on its share of the mean radiance; None = not measured
+    relative_bias: float | None  # share of the mean radiance, or a bound on it; None = not measured
     text: str
+    standard_error: float | None = None  # of relative_bias, where that is an estimate
+    radiance: tuple[float, ...] | None = None  # what is missing, mean over all pixels, W/m^2/sr
+    radiance_error: tuple[float, ...] | None = None  # its standard error
 
 
 # Counted events that change the mean, by the names of the rejection table and of the counters.
@@ -44,8 +47,8 @@ _COUNTED = {
     "depth_guard": "paths were cut after 10,000 scattering events on surfaces or 16 million inside "
     "media",
     "interior_overflow": "entries into a ninth nested medium were taken as none",
-    "unmatched_exits": "exits from a medium that was never entered, or none from one that scatters (open or "
-    "inside-out meshes)",
+    "unmatched_exits": "exits from a medium that was never entered, or none from one that scatters "
+    "(open or inside-out meshes)",
 }
 _STOPPED = {
     "target_error": "the render stopped at the first look whose interval met the target, which "
@@ -75,22 +78,57 @@ def _sentence(row: Mapping[str, Any]) -> str:
     amount = "" if not row["count"] else f"{row['count']} times ({100 * row['share']:.2g} % of "
     amount += "the samples): " if amount else ""
     size = row["relative_bias"]
-    measured = "; size not measured" if size is None else f"; below {100 * size:.2g} % of the mean"
+    if size is None:
+        measured = "; size not measured"
+    elif row["standard_error"] is None:
+        measured = f"; below {100 * size:.2g} % of the mean"
+    else:
+        measured = f"; {100 * size:.2g} % of the mean is missing, standard error "
+        measured += f"{100 * row['standard_error']:.2g} %"
     return f"{row['name']}: {amount}{row['text']}{measured if row['biased'] else ''}"
 
 
 def _asked_for(film: Film) -> list[Entry]:
-    depth = film.info.max_depth
-    if depth is None:
-        cut = "there is no depth limit: Russian roulette ends paths without bias"
-    else:
+    depth, threshold = film.info.max_depth, film.info.threshold
+    deep = "there is no depth limit: Russian roulette ends paths without bias"
+    if depth is not None:
         events = "scattering event" if depth == 1 else "scattering events"
-        cut = f"biased: light that takes more than {depth} {events} is missing"
+        deep = f"biased: light that takes more than {depth} {events} is missing"
+    dim = "no path is cut for being dim"
+    if threshold is not None:
+        dim = f"biased: what paths would bring whose throughput fell below {threshold:g} is missing"
     return [
-        Entry("max_depth", depth is not None, depth is not None, None, None, None, cut),
+        _cut(film, "max_depth", depth is not None, deep),
         Entry("clamp", False, False, 0, 0.0, 0.0, "no sample is ever clamped"),
-        Entry("threshold", False, False, 0, 0.0, 0.0, "no path is cut for being dim"),
+        _cut(film, "threshold", threshold is not None, dim),
     ]
+
+
+def _cut(film: Film, name: str, asked: bool, text: str) -> Entry:
+    """Return what paths that were followed beyond a limit say about it."""
+    if not asked:
+        return Entry(name, False, False, 0, 0.0, 0.0, text)
+    cut, samples = film.core.cut_energy(name), film.core.counters["samples"]
+    share = cut["paths"] / samples if samples else 0.0
+    mean = float(film.mean[..., :3].mean())
+    known = cut["followed"] > 0 and mean > 0
+    return Entry(
+        name,
+        True,
+        True,
+        cut["paths"],
+        share,
+        sum(cut["radiance"]) / 3 / mean if known else None if cut["paths"] else 0.0,
+        text,
+        _together(cut["standard_error"]) / mean if known else None,
+        tuple(cut["radiance"]),
+        tuple(cut["standard_error"]),
+    )
+
+
+def _together(errors: Sequence[float]) -> float:
+    """Return the standard error of the channels' mean: they rise and fall together at worst."""
+    return sum(errors) / 3
 
 
 def _counted(counters: Mapping[str, Any], samples: int) -> list[Entry]:

@@ -18,6 +18,7 @@ ENDS = {
     "emitter": "ends on a light that scatters nothing",
     "absorbed": "is absorbed: the sampled direction carries nothing",
     "max_depth": "ends at max_depth",
+    "threshold": "ends as its throughput is below threshold",
     "roulette": "is ended by Russian roulette",
     "black": "ends: nothing is left to carry",
     "depth_guard": "is cut at the guard of 10,000 scattering events (inside media: 16,777,216)",

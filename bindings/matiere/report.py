@@ -52,6 +52,7 @@ def film_report(film: Film) -> dict[str, Any]:
         "replicates": film.replicates,
         "seeds": list(info.seeds),
         "max_depth": info.max_depth,
+        "threshold": info.threshold,
         "reason": info.reason,
         "reason_text": REASONS.get(info.reason, ""),
         "wall_s": wall_s,

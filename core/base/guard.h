@@ -24,12 +24,16 @@ inline constexpr std::array<std::string_view, kRejectCauses> kRejectNames = {
     "non_finite_sample",   "non_finite_eval",   "non_finite_emission",
     "non_finite_radiance", "negative_radiance", "side_mismatch"};
 
+/// What cut a path that had light to find, other than chance.
+enum class Cut : std::uint8_t { kNone, kDepth, kThreshold };
+inline constexpr int kCutCauses = 2;
+
 /// Plain counters of one chunk; summed when chunks are merged. Never touched by two threads.
 struct Counters {
     std::uint64_t samples = 0;
-    std::uint64_t rays = 0;               ///< closest-hit queries
-    std::uint64_t shadow_rays = 0;        ///< occlusion queries
-    std::uint64_t depth_guard = 0;        ///< paths cut by the guard of 10,000 events, or kMediumGuard
+    std::uint64_t rays = 0;         ///< closest-hit queries
+    std::uint64_t shadow_rays = 0;  ///< occlusion queries
+    std::uint64_t depth_guard = 0;  ///< paths cut by the guard of 10,000 events, or kMediumGuard
     std::uint64_t interior_overflow = 0;  ///< entries that found the interior stack full
     std::uint64_t unmatched_exits = 0;    ///< exits without an entry, or media that end nowhere
     /// [material + 1][cause]; row 0 is "no material" (background, whole path).

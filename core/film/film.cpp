@@ -1,6 +1,7 @@
 #include "film/film.h"
 
 #include <algorithm>
+#include <cmath>
 #include <numeric>
 #include <string>
 
@@ -32,7 +33,8 @@ ChunkFilm::ChunkFilm(const Plan& plan, std::uint32_t index)
 Film::Film(const Plan& plan)
     : plan_(plan),
       sums_(sum_count(plan.replicates(), pixel_count(plan.width(), plan.height())), 0.0),
-      counts_(pixel_count(plan.width(), plan.height()), 0) {
+      counts_(pixel_count(plan.width(), plan.height()), 0),
+      cuts_(std::size_t(plan.strips())) {
     if (!plan.adaptive()) return;
     first_counts_.resize(counts_.size(), 0);
     adaptive_.emplace(plan);
@@ -89,6 +91,8 @@ void Film::add(const ChunkFilm& part) {
     add_sums(part);
     work_ += part.work();
     provenance_ += part.provenance();
+    Cuts& cuts = cuts_[c.index % std::uint32_t(plan_.strips())];
+    for (std::size_t i = 0; i < cuts.size(); ++i) cuts[i] += part.cuts()[i];
     if (!adaptive_) return;
     const Counters& cost = part.work().counters;
     adaptive_->note(*this, c, cost.rays + cost.shadow_rays);
@@ -114,6 +118,32 @@ void Film::add_sums(const ChunkFilm& part) {
         }
 }
 
+/// Strip by strip: the mean over its samples weighs as much as its pixels do. The samples of a
+/// strip are taken as independent, which is on the safe side: those of a pixel are spread more
+/// evenly.
+CutEnergy Film::cut_energy(Cut cause) const {
+    CutEnergy energy;
+    std::array<double, 3> variance{};
+    const double weighed = double(plan_.halves()) * double(pixels());
+    for (int strip = 0; strip < plan_.strips(); ++strip) {
+        const CutSums& sums = cuts_[std::size_t(strip)][std::size_t(cause) - 1];
+        const Chunk c = plan_.chunk(std::uint32_t(strip));
+        const double spp = double(strip_spp(strip)) / double(plan_.halves());
+        const double n = spp * double(c.width()) * double(c.height());
+        energy.paths += sums.paths;
+        energy.followed += sums.followed;
+        if (n < 2) continue;
+        for (std::size_t k = 0; k < 3; ++k) {
+            energy.radiance[k] += sums.light[k] / (spp * weighed);
+            const double spread = sums.squares[k] - sums.light[k] * sums.light[k] / n;
+            variance[k] += spread * n / (n - 1) / ((spp * weighed) * (spp * weighed));
+        }
+    }
+    for (std::size_t k = 0; k < 3; ++k)
+        energy.standard_error[k] = std::sqrt(std::max(variance[k], 0.0));
+    return energy;
+}
+
 void Film::merge(const Film& other) {
     if (other.plan_ != plan_)
         throw SceneError("films_do_not_match", "the other film is " + describe(other.plan_) +
@@ -125,6 +155,8 @@ void Film::merge(const Film& other) {
     adaptive_.reset();
     work_ += other.work_;
     provenance_ += other.provenance_;
+    for (std::size_t s = 0; s < cuts_.size(); ++s)
+        for (std::size_t i = 0; i < cuts_[s].size(); ++i) cuts_[s][i] += other.cuts_[s][i];
     merged_ = true;
 }
 

@@ -12,6 +12,7 @@
 
 #include "base/guard.h"
 #include "film/adaptive_state.h"
+#include "film/cut_energy.h"
 #include "film/outliers.h"
 #include "film/plan.h"
 
@@ -44,6 +45,8 @@ class ChunkFilm {
     const Work& work() const { return work_; }
     Provenance& provenance() { return provenance_; }
     const Provenance& provenance() const { return provenance_; }
+    Cuts& cuts() { return cuts_; }
+    const Cuts& cuts() const { return cuts_; }
 
     /// Adds sample s (of the chunk's range and replicates) of the pixel at (x, y) inside the tile.
     void add(int x, int y, std::uint64_t s, const double (&value)[kFilmChannels]) {
@@ -69,6 +72,7 @@ class ChunkFilm {
     std::vector<std::uint32_t> counts_;
     Work work_;
     Provenance provenance_;
+    Cuts cuts_;
 };
 
 class Film {
@@ -85,6 +89,8 @@ class Film {
     Work& work() { return work_; }
     const Work& work() const { return work_; }
     const Provenance& provenance() const { return provenance_; }
+    /// What a depth limit or a threshold cut off, over all pixels alike.
+    CutEnergy cut_energy(Cut cause) const;
     /// True when films of several seeds were merged: no chunk can follow.
     bool merged() const { return merged_; }
 
@@ -160,6 +166,7 @@ class Film {
     std::optional<AdaptiveState> adaptive_;
     Work work_;
     Provenance provenance_;
+    std::vector<Cuts> cuts_;  // by strip: an adaptive film's have sample counts of their own
     bool merged_ = false;
 };
 

@@ -16,7 +16,7 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr std::uint64_t kChunkMagic = 0x314b4e4843544d89ULL;  // 0x89 "MTCHNK1"
 constexpr std::uint64_t kFilmMagic = 0x314d4c4946544d89ULL;   // 0x89 "MTFILM1"
-constexpr std::uint32_t kByteVersion = 2;                     // 1 has no provenance
+constexpr std::uint32_t kByteVersion = 3;                     // 1 has no provenance, 2 no cuts
 
 constexpr std::array<std::uint64_t, 256> make_crc_table() {
     std::array<std::uint64_t, 256> table{};
@@ -182,6 +182,27 @@ Provenance get_provenance(Reader& in) {
     return provenance;
 }
 
+void put_cuts(Writer& out, std::span<const Cuts> all) {
+    for (const Cuts& cuts : all)
+        for (const CutSums& c : cuts) {
+            out.put(c.paths);
+            out.put(c.followed);
+            out.put(c.light);
+            out.put(c.squares);
+        }
+}
+
+void get_cuts(Reader& in, std::span<Cuts> all) {
+    if (in.version() < 3) return;
+    for (Cuts& cuts : all)
+        for (CutSums& c : cuts) {
+            c.paths = in.get<std::uint64_t>();
+            c.followed = in.get<std::uint64_t>();
+            c.light = in.get<std::array<double, 3>>();
+            c.squares = in.get<std::array<double, 3>>();
+        }
+}
+
 void put_record(Writer& out, const AdaptiveState::Record& record) {
     out.put(record.floors);
     out.put(std::uint64_t(record.worth.size()));
@@ -209,6 +230,7 @@ std::vector<std::byte> ChunkFilm::to_bytes() const {
     out.put(chunk_.index);
     put_work(out, work_);
     put_provenance(out, provenance_);
+    put_cuts(out, {&cuts_, 1});
     out.put_all(counts());
     out.put_all(sums());
     return out.finish();
@@ -220,6 +242,7 @@ ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
     ChunkFilm part(plan, in.get<std::uint32_t>());
     part.work_ = get_work(in);
     part.provenance_ = get_provenance(in);
+    get_cuts(in, {&part.cuts_, 1});
     in.get_all(std::span<std::uint32_t>(part.counts_));
     in.get_all(std::span<double>(part.sums_));
     in.end();
@@ -235,6 +258,7 @@ std::vector<std::byte> Film::to_bytes() const {
     out.put(std::uint32_t(merged_));
     put_work(out, work_);
     put_provenance(out, provenance_);
+    put_cuts(out, cuts_);
     out.put_all(counts());
     out.put_all(std::span<const double>(sums_));
     out.put_all(first_counts());
@@ -248,6 +272,8 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     const auto merged = in.get<std::uint32_t>();
     Work work = get_work(in);
     Provenance provenance = get_provenance(in);
+    std::vector<Cuts> cuts(std::size_t(plan.strips()));
+    get_cuts(in, cuts);
     const std::size_t pixels = std::size_t(plan.width()) * std::size_t(plan.height());
     const std::size_t size = pixels * bytes_per_pixel(plan.replicates(), plan.adaptive());
     if (plan.adaptive() ? in.left() < size : in.left() != size) damaged("their length is wrong");
@@ -255,6 +281,7 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     film.merged_ = merged != 0;
     film.work_ = std::move(work);
     film.provenance_ = std::move(provenance);
+    film.cuts_ = std::move(cuts);
     in.get_all(std::span<std::uint32_t>(film.counts_));
     in.get_all(std::span<double>(film.sums_));
     in.get_all(std::span<std::uint32_t>(film.first_counts_));

@@ -20,13 +20,21 @@ struct PathSettings {
     Strategy strategy = Strategy::kMis;
     bool transparent_background = false;
     bool guide_caustics = true;  ///< where the scene has hidden light; the tests compare both
-    int kernel = -1;             ///< index in `kernels()`; -1: the smallest that covers the scene
+    /// A path ends where its throughput, without what roulette put on it, falls below this.
+    float threshold = 0;
+    int kernel = -1;  ///< index in `kernels()`; -1: the smallest that covers the scene
 };
 
 struct PathResult {
     Spectrumf L;      ///< W/m^2/sr
     float alpha = 1;  ///< 0 where a camera path left a transparent background uncovered
+    Cut cut = Cut::kNone;
+    bool followed = false;  ///< cut, and picked to tell what was cut off
+    Spectrumf lost{};       ///< of one that was followed: the rest, for kCutStride paths
 };
+
+/// One in so many cut paths is followed to its end.
+inline constexpr int kCutStride = 16;
 
 /// Which sample of a film, beside the seed: a pixel of the whole film, and the index inside the
 /// replicate.
@@ -43,13 +51,16 @@ class PathIntegrator {
     /// Throws SceneError where the settings name a kernel that lacks what the scene needs.
     PathIntegrator(const Scene& scene, const PathSettings& settings);
 
-    /// One sample: a pure function of its arguments.
+    /// One sample: a pure function of its arguments. Where it was cut, it may be followed to its
+    /// end beside the image.
     PathResult sample(const SampleId& id, Counters& counters) const;
     const Kernel& kernel() const { return *kernel_; }
 
  private:
+    void follow(const SampleId& id, PathResult& cut, Counters& counters) const;
+
     const Scene* scene_;
-    PathSettings settings_;
+    PathSettings settings_, unlimited_;
     const Kernel* kernel_;
 };
 

@@ -46,7 +46,8 @@ struct PathRecord {
     Vec3f origin, direction;
     std::vector<PathVertex> vertices;
     std::vector<LightMeeting> background;  ///< light of the environment where the path left
-    std::string_view end;  ///< escaped, emitter, absorbed, max_depth, roulette, black, depth_guard
+    std::string_view
+        end;  ///< escaped, emitter, absorbed, max_depth, threshold, roulette, black, depth_guard
     PathResult result;
 };
 

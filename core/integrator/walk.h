@@ -137,8 +137,7 @@ class Walk {
             if (scene_.prefilters()) cone_.meet(event.point, flight.distance, ray_.direction);
         if constexpr (kRecording) arrive(event, flight.distance);
         ++inside_events_;
-        const bool last = settings_.max_depth >= 0 && depth_ >= settings_.max_depth;
-        if (last) return end_inside("max_depth");
+        if (is_last()) return end_inside("max_depth");
         if (inside_events_ >= kMediumGuard) {
             ++counters_.depth_guard;
             return end_inside("depth_guard");
@@ -242,9 +241,17 @@ class Walk {
             here().lights.push_back(met(s.light, ray_.direction, pdf, w, arrived));
     }
 
+    /// No event may follow: the path is cut, or passes on without scattering and without the light
+    /// that it would have looked for.
+    bool is_last() {
+        if (settings_.max_depth < 0 || depth_ < settings_.max_depth) return false;
+        cut_ = Cut::kDepth;
+        return true;
+    }
+
     /// Direct light and the next direction; false where the path ends.
     bool scatter(const SurfaceHit& s, float eta_rel) {
-        const bool last = settings_.max_depth >= 0 && depth_ >= settings_.max_depth;
+        const bool last = is_last();
         if (last && !(kPasses && material(s).passes)) return note_end("max_depth");
         if (depth_ - inside_events() >= kDepthGuard) {
             ++counters_.depth_guard;
@@ -356,13 +363,18 @@ class Walk {
     /// glass, whose radiance is scaled by 1/eta^2 until it leaves, does not die early.
     bool survive(float u) {
         if (beta_.is_black()) return note_end("black");
-        if (depth_ < kRouletteDepth) return true;
         float q = beta_.max_value() * eta_scale_;
+        if (q * kept_ < settings_.threshold) {
+            cut_ = Cut::kThreshold;
+            return note_end("threshold");
+        }
+        if (depth_ < kRouletteDepth) return true;
         if constexpr (kScattering) q /= event_limit(inside_events_);
         if (q >= 1) return true;
         if constexpr (kRecording) here().survival = q;
         if (u >= q) return note_end("roulette");
         beta_ *= 1 / q;
+        kept_ *= q;
         return true;
     }
 
@@ -372,7 +384,7 @@ class Walk {
             return {Spectrumf(), alpha_};
         }
         if (L_.has_negative()) counters_.reject(Reject::kNegativeRadiance, -1);
-        return {L_, alpha_};
+        return {L_, alpha_, cut_};
     }
 
     // What the recording kernel writes down; nothing in the others.
@@ -426,7 +438,9 @@ class Walk {
     Vec3f from_;  // the last scattering point: densities of light sampling are seen from there
     Spectrumf beta_{1.0F}, L_;
     float alpha_ = 1, eta_scale_ = 1, bsdf_pdf_ = 0;
+    float kept_ = 1;  // with which probability roulette let it live so far
     bool specular_ = true;
+    Cut cut_ = Cut::kNone;
     int lane_ = -1;               // the one lane of a path that has met a dispersive interface
     int depth_ = 0, passed_ = 0;  // scattering events; surfaces passed through, which are none
     int inside_events_ = 0;       // of `depth_`: those inside media

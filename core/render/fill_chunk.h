@@ -30,6 +30,15 @@ struct ChunkSource {
     std::uint32_t kernels = 0;
 };
 
+/// A cut path, and what was cut off where that is known. What is not finite would be counted as
+/// such in a render without limits.
+inline void book(ChunkFilm& film, const PathResult& p) {
+    CutSums& sums = film.cuts()[std::size_t(p.cut) - 1];
+    ++sums.paths;
+    if (p.followed && p.lost.is_finite())
+        sums.add({double(p.lost[0]), double(p.lost[1]), double(p.lost[2])});
+}
+
 /// Renders one chunk in order: rows, pixels, samples. `sample(id, counters)` returns a
 /// PathResult and gets pixels of the whole film. Nothing comes back if the token was raised.
 template <class SampleFn>
@@ -54,6 +63,7 @@ std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index,
                 const PathResult p = sample(id, counters);
                 film.provenance().outliers.offer(
                     {source.seed, id.index, id.replicate, id.x, id.y, {p.L[0], p.L[1], p.L[2]}});
+                if (p.cut != Cut::kNone) book(film, p);
                 film.add(x, y, s,
                          {double(p.L[0]), double(p.L[1]), double(p.L[2]), double(p.alpha)});
             }

@@ -51,7 +51,7 @@ def test_the_scattering_media_are_the_builder_s(example: Callable[[str], ModuleT
     builder = example("make_subsurface.py")
     text = (ROOT / "examples" / "scenes" / "subsurface.json").read_text(encoding="utf-8")
     assert text == builder.to_text(builder.subsurface())
-    positions, triangles, normals = builder.candle()
+    positions, triangles, _ = builder.candle()
     a, b, c = (positions[triangles[:, k]] for k in range(3))
     volume = np.einsum("ij,ij->i", a, np.cross(b, c)).sum() / 6
     assert 1.0 < volume < 1.5  # closed, and turned outwards

@@ -75,9 +75,11 @@ def test_the_defaults_cut_nothing(film: mt.Film) -> None:
 def test_a_depth_limit_is_named_as_biased() -> None:
     film = mt.render(mt.load(scenes(16)["interior"]), spp=16, max_depth=2)
     row = entry(film, "max_depth")
-    assert row["active"] and row["biased"] and row["relative_bias"] is None
+    assert row["active"] and row["biased"] and 0 < row["relative_bias"] < 1
+    assert 0 < row["standard_error"] < row["relative_bias"]
+    assert 0 < row["share"] <= 1 and row["count"] > 0
     (line,) = [text for text in film.certificate()["outside"] if text.startswith("max_depth")]
-    assert "more than 2 scattering events" in line and "not measured" in line
+    assert "more than 2 scattering events" in line and "% of the mean is missing" in line
 
 
 def test_dropped_samples_are_booked_with_their_count() -> None:

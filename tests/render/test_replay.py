@@ -114,18 +114,23 @@ def crc64(data: bytes) -> int:
     return crc ^ (2**64 - 1)
 
 
-def test_bytes_of_version_1_are_still_read() -> None:
-    """They lack the provenance, which stood after counters and rejections."""
+@pytest.mark.parametrize("older", [1, 2])
+def test_bytes_of_older_versions_are_still_read(older: int) -> None:
+    """1 lacks the provenance, which stood after counters and rejections; both lack the cuts."""
     film = mt.render(scene(4, "interior"), spp=4).core
     data = film.to_bytes()
     version, rows = struct.unpack_from("<I", data, 8)[0], 8 + 4 + 16 + 4 + 16 + 6 * 8
-    assert version >= 2
+    assert version >= 3
     begin = rows + 8 + 48 * struct.unpack_from("<Q", data, rows)[0]
-    end = begin + 12 + 40 * len(film.provenance["outliers"])
-    old = data[:8] + struct.pack("<I", 1) + data[12:begin] + data[end:-8]
+    cuts = begin + 12 + 40 * len(film.provenance["outliers"])
+    end = cuts + 2 * 64 * film.plan.strips
+    kept = begin if older == 1 else cuts
+    old = data[:8] + struct.pack("<I", older) + data[12:kept] + data[end:-8]
     read = _core.Film.from_bytes(old + struct.pack("<Q", crc64(old)))
     assert np.array_equal(read.sums, film.sums)
-    assert read.provenance == {"kernels": [], "found": [], "left_out": [], "outliers": []}
+    assert read.cut_energy("max_depth")["paths"] == 0
+    if older == 1:
+        assert read.provenance == {"kernels": [], "found": [], "left_out": [], "outliers": []}
 
 
 def test_the_report_names_kernel_and_what_it_left_out() -> None:

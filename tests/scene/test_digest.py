@@ -65,6 +65,7 @@ CHANGES_PIXELS: dict[str, Change] = {
     "crop": lambda s: s["film"].update(crop=[0, 0, 8, 9]),
     "seed": lambda s: s["render"].update(seed=2),
     "max_depth": lambda s: s["render"].update(max_depth=6),
+    "threshold": lambda s: s["render"].update(threshold=0.01),
     "replicates": lambda s: s["render"].update(replicates=8),
     "adaptive": lambda s: s["render"].update(adaptive=True),
     "background": lambda s: s.update(background="transparent"),
@@ -153,7 +154,7 @@ def test_every_field_was_thought_of() -> None:
     }  # fmt: skip
     assert set(mt.SceneModel.model_fields["render"].annotation.model_fields) == {  # type: ignore[union-attr]
         "spp", "seed", "max_depth", "seconds", "target_error", "replicates",
-        "adaptive",
+        "adaptive", "threshold",
     }  # fmt: skip
 
 

@@ -143,6 +143,11 @@ class Render(Node):
         description="scattering events per path (0: emission only, 1: direct light); null: no "
         "limit, Russian roulette ends paths",
     )  # fmt: skip
+    threshold: float | None = Field(
+        None, gt=0, le=1,
+        description="paths end where their throughput falls below this, which loses light (the "
+        "report says how much); null: never",
+    )  # fmt: skip
     seconds: float | None = Field(None, gt=0, description="stop after this wall time, seconds")
     target_error: TargetError | None = Field(None, description="stop at this estimated error")
     replicates: int | None = Field(
