@@ -57,7 +57,7 @@ py::tuple environment_sample(const EnvironmentLight& e, const Array<std::uint32_
     for (py::ssize_t i = 0; i < n; ++i) {
         SampleBlock u{};
         for (py::ssize_t d = 0; d < 4; ++d) u.bits[std::size_t(d)] = bits.at(i, d);
-        const auto s = e.sample(u);
+        const auto s = e.sample({}, u);
         for (py::ssize_t k = 0; k < 3; ++k) {
             wi.mutable_at(i, k) = s ? s->wi[std::size_t(k)] : 0.0F;
             radiance.mutable_at(i, k) = s ? s->radiance[int(k)] : 0.0F;
@@ -74,7 +74,7 @@ py::tuple environment_eval(const EnvironmentLight& e, const Array<float>& direct
         const Vec3f w{directions.at(i, 0), directions.at(i, 1), directions.at(i, 2)};
         const Spectrumf L = e.radiance(w);
         for (py::ssize_t k = 0; k < 3; ++k) radiance.mutable_at(i, k) = L[int(k)];
-        pdf.mutable_at(i) = e.pdf(w);
+        pdf.mutable_at(i) = e.pdf({}, w);
     }
     return py::make_tuple(radiance, pdf);
 }

@@ -144,6 +144,32 @@ void set_constant_environment(RenderDescription& d, const Triple& radiance) {
         1, 1, {float(radiance[0]), float(radiance[1]), float(radiance[2])}, 0, 1};
 }
 
+void add_profile_light(RenderDescription& d, const Triple& position, const Triple& direction,
+                       const Triple& intensity, const py::dict& profile,
+                       const std::optional<std::array<double, 2>>& cone, double rotation_deg) {
+    const auto list = [&](const char* key) {
+        const auto a = profile[key].cast<Array<float>>();
+        return std::vector<float>(a.data(), a.data() + a.size());
+    };
+    ProfileLightDescription light;
+    light.spot.position = vec3f(position);
+    light.spot.direction = vec3f(direction);
+    light.spot.intensity = spectrum(intensity);
+    light.cone = cone.has_value();
+    if (cone) {
+        light.spot.inner_deg = (*cone)[0];
+        light.spot.outer_deg = (*cone)[1];
+    }
+    light.rotation_deg = rotation_deg;
+    light.vertical_deg = list("vertical_deg");
+    light.horizontal_deg = list("horizontal_deg");
+    light.values = list("values");
+    if (light.vertical_deg.size() < 2 || light.horizontal_deg.empty() ||
+        light.values.size() != light.vertical_deg.size() * light.horizontal_deg.size())
+        throw py::value_error("a profile needs values for each of its angles");
+    d.lights.emplace_back(std::move(light));
+}
+
 void bind_description(py::module_& m) {
     py::class_<RenderDescription>(m, "RenderDescription",
                                   "Plain data of a scene: names resolved, files read, metres, "
@@ -206,6 +232,17 @@ void bind_description(py::module_& m) {
                     DirectionalLightDescription{vec3f(direction), spectrum(irradiance)});
             },
             py::arg("direction"), py::arg("irradiance"))
+        .def("add_profile_light", &add_profile_light, py::arg("position"), py::arg("direction"),
+             py::arg("intensity"), py::arg("profile"), py::arg("cone") = py::none(),
+             py::arg("rotation_deg") = 0.0,
+             "`profile`: vertical_deg, horizontal_deg, values; `cone`: (inner, outer) in degrees.")
+        .def(
+            "add_portal",
+            [](RenderDescription& d, const Triple& corner, const Triple& edge_u,
+               const Triple& edge_v, const std::string& pointer) {
+                d.portals.push_back({vec3f(corner), vec3f(edge_u), vec3f(edge_v), pointer});
+            },
+            py::arg("corner"), py::arg("edge_u"), py::arg("edge_v"), py::arg("pointer") = "")
         .def("set_environment", &set_environment, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
         .def("set_backdrop", &set_backdrop, py::arg("pixels"), py::arg("rotation_deg") = 0.0,

@@ -208,7 +208,7 @@ class Walk {
             if (scene_.backdrop() != nullptr) return see_backdrop(*scene_.backdrop());
         }
         if (environment == nullptr) return;
-        const float pdf = specular_ ? 0 : scene_.lights().pdf_environment(ray_.direction);
+        const float pdf = specular_ ? 0 : scene_.lights().pdf_environment(from_, ray_.direction);
         const float w = emission_weight(pdf);
         if (!(w > 0)) return;
         const Spectrumf arrived = beta_ * environment->radiance(ray_.direction) * w;

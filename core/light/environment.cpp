@@ -6,8 +6,8 @@
 namespace matiere {
 
 EnvironmentLight::EnvironmentLight(int width, int height, std::vector<float> pixels,
-                                   double rotation_deg, double scale)
-    : width_(width), height_(height), pixels_(std::move(pixels)) {
+                                   double rotation_deg, double scale, Portals portals)
+    : width_(width), height_(height), pixels_(std::move(pixels)), portals_(std::move(portals)) {
     const double angle = rotation_deg * kPi<double> / 180;
     cos_rotation_ = float(std::cos(angle));
     sin_rotation_ = float(std::sin(angle));
@@ -63,6 +63,7 @@ void EnvironmentLight::build_distribution() {
     double mean = 0;
     for (std::size_t i = 0; i < w * h; ++i) mean += cells[i] * solid_angle(i / w);
     mean /= 4 * kPi<double>;
+    mean_luminance_ = mean;
 
     double total = 0;
     columns_.reserve(h);
@@ -112,7 +113,45 @@ Spectrumf EnvironmentLight::radiance(Vec3f direction) const {
     return is_constant() ? pixel(0, 0) : lookup(to_texel(direction));
 }
 
-float EnvironmentLight::pdf(Vec3f direction) const {
+float EnvironmentLight::portal_share(Vec3f reference) const {
+    if (portals_.empty() || portals_.faced(reference) == 0) return 0;
+    return rows_.empty() ? 1.0F : 0.5F;
+}
+
+double EnvironmentLight::sampled_power(double disk) const {
+    return portals_.empty() ? 4 * kPi<double> * disk * sampled_luminance_
+                            : portals_.area() * mean_luminance_;
+}
+
+float EnvironmentLight::pdf(Vec3f reference, Vec3f direction) const {
+    const float share = portal_share(reference);
+    if (share == 0) return map_pdf(direction);
+    const float through = portals_.pdf(reference, direction);
+    if (!(through > 0)) return 0;
+    return share < 1 ? share * through + (1 - share) * map_pdf(direction) : through;
+}
+
+/// One-sample MIS of portals and map (Veach 1997, 9.2.4), of directions through portals alone.
+std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(Vec3f reference,
+                                                                 const SampleBlock& u) const {
+    const float share = portal_share(reference), x = u.uniform(3);
+    if (share == 0) return sample_map(u);
+    Sample s;
+    if (x < share) {
+        const auto through = portals_.sample(reference, x / share, u);
+        if (!through) return std::nullopt;
+        s.wi = through->wi;
+    } else {
+        const auto found = sample_map(u);
+        if (!found) return std::nullopt;
+        s.wi = found->wi;
+    }
+    s.radiance = radiance(s.wi);
+    s.pdf = pdf(reference, s.wi);
+    return s;
+}
+
+float EnvironmentLight::map_pdf(Vec3f direction) const {
     if (rows_.empty()) return 0;
     const Texel t = to_texel(direction);
     const auto x = std::size_t(std::min(int(t.u), width_ - 1)),
@@ -122,7 +161,7 @@ float EnvironmentLight::pdf(Vec3f direction) const {
     return float(double(rows_.probability(y)) * double(columns_[y].probability(x)) / solid_angle);
 }
 
-std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(const SampleBlock& u) const {
+std::optional<EnvironmentLight::Sample> EnvironmentLight::sample_map(const SampleBlock& u) const {
     if (rows_.empty()) return std::nullopt;
     const auto row = rows_.sample(u.bits[1]);
     const auto column = columns_[row.index].sample(u.bits[2]);

@@ -7,6 +7,7 @@
 
 #include "base/spectrum.h"
 #include "base/vec.h"
+#include "light/portals.h"
 #include "sampling/discrete.h"
 #include "sampling/sampler.h"
 
@@ -23,20 +24,26 @@ class EnvironmentLight {
 
     /// `pixels` holds 3 floats a pixel, finite and >= 0; rotation about +y, right-handed.
     EnvironmentLight(int width, int height, std::vector<float> pixels, double rotation_deg,
-                     double scale);
+                     double scale, Portals portals = {});
 
     /// Bilinear in u and v, wrapping in u.
     Spectrumf radiance(Vec3f direction) const;
-    /// Per solid angle; 0 where the map does not exceed its mean.
-    float pdf(Vec3f direction) const;
-    /// Nothing where the map is even.
-    std::optional<Sample> sample(const SampleBlock& u) const;
-    /// Mean over the sphere of the luminance that sampling is for.
-    double sampled_luminance() const { return sampled_luminance_; }
+    /// Density of `sample`, per solid angle; 0 where the map does not exceed its mean, and from a
+    /// point that faces portals, beside them.
+    float pdf(Vec3f reference, Vec3f direction) const;
+    /// Nothing where the map is even, or what was picked lies beside all portals that are faced.
+    std::optional<Sample> sample(Vec3f reference, const SampleBlock& u) const;
+    /// Power over pi of the light that sampling is for, through a scene of this radius squared.
+    double sampled_power(double disk) const;
     bool is_constant() const { return width_ == 1 && height_ == 1; }
     std::size_t bytes() const;
 
  private:
+    float map_pdf(Vec3f direction) const;
+    std::optional<Sample> sample_map(const SampleBlock& u) const;
+    /// How often a direction is picked through a portal rather than by the map.
+    float portal_share(Vec3f reference) const;
+
     struct Texel {
         float u, v;  ///< continuous coordinates in [0, width) x [0, height]
     };
@@ -50,7 +57,9 @@ class EnvironmentLight {
     int width_, height_;
     std::vector<float> pixels_;
     float cos_rotation_, sin_rotation_;
-    double sampled_luminance_ = 0;
+    Portals portals_;
+    double sampled_luminance_ = 0;  ///< mean over the sphere of what exceeds the mean
+    double mean_luminance_ = 0;
     std::vector<double> cos_edge_;  ///< cosine of theta at the row edges
     DiscreteDistribution rows_;
     std::vector<DiscreteDistribution> columns_;

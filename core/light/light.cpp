@@ -26,6 +26,10 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
             [](const SpotLight& l) {
                 return 2 * (1 - 0.5 * double(l.cos_inner + l.cos_outer)) * luminance(l.intensity);
             },
+            [](const ProfileLight& l) {
+                const double flux = l.profile->flux(double(l.spot.cos_outer));
+                return flux / kPi<double> * luminance(l.spot.intensity);
+            },
             [&](const DirectionalLight& l) { return disk * luminance(l.irradiance); },
             [](const RectangleLight& l) { return double(l.shape.area) * luminance(l.radiance); },
             [&](const MeshLight& l) {
@@ -36,9 +40,7 @@ double light_power(const Light& light, const std::optional<EnvironmentLight>& en
                 const double r = double(l.shape.sphere.radius);
                 return 4 * kPi<double> * r * r * luminance(materials.mean_emission(l.material));
             },
-            [&](const EnvironmentTag&) {
-                return 4 * kPi<double> * disk * environment->sampled_luminance();
-            }},
+            [&](const EnvironmentTag&) { return environment->sampled_power(disk); }},
         light);
 }
 
@@ -66,6 +68,10 @@ LightBounds light_bounds(const Light& light, const MaterialTable& materials) {
                      b.cos_normal = l.cos_inner;  // all its power there, then it fades
                      b.cos_emit = std::cos(std::acos(l.cos_outer) - std::acos(l.cos_inner));
                  },
+                 [&](const ProfileLight& l) {
+                     b.grow(l.spot.position);
+                     b.cos_normal = -1;
+                 },
                  [&](const RectangleLight& l) {
                      for (const Vec2f c : {Vec2f{0, 0}, Vec2f{0, 1}, Vec2f{1, 0}, Vec2f{1, 1}})
                          b.grow(l.shape.corner + l.shape.edge_u * c.x + l.shape.edge_v * c.y);
@@ -91,6 +97,20 @@ LightSample delta_sample(Vec3f wi, const Spectrumf& value) {
     s.wi = wi;
     s.weight = value;
     s.delta = true;
+    return s;
+}
+
+/// Light from a point whose intensity is spread over directions by `share`.
+template <class F>
+std::optional<LightSample> spread_sample(const SpotLight& l, Vec3f reference, F&& share) {
+    const Vec3f to_light = l.position - reference;
+    const float d2 = length_squared(to_light);
+    if (!(d2 > 0)) return std::nullopt;
+    const Vec3f wi = to_light * (1 / std::sqrt(d2));
+    const float part = share(-wi);
+    if (part == 0) return std::nullopt;
+    auto s = delta_sample(wi, l.intensity * (part / d2));
+    s.p = l.position;
     return s;
 }
 
@@ -142,8 +162,8 @@ LightSet::LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> en
 }
 
 std::string_view LightSet::kind(int i) const {
-    constexpr std::string_view kNames[] = {"point", "spot",   "directional", "rectangle",
-                                           "mesh",  "sphere", "environment"};
+    constexpr std::string_view kNames[] = {"point",     "spot", "luminaire", "directional",
+                                           "rectangle", "mesh", "sphere",    "environment"};
     static_assert(std::size(kNames) == std::variant_size_v<Light>);
     return kNames[lights_[std::size_t(i)].index()];
 }
@@ -151,6 +171,7 @@ std::string_view LightSet::kind(int i) const {
 bool LightSet::has_points() const {
     return std::any_of(lights_.begin(), lights_.end(), [](const Light& l) {
         return std::holds_alternative<PointLight>(l) || std::holds_alternative<SpotLight>(l) ||
+               std::holds_alternative<ProfileLight>(l) ||
                std::holds_alternative<DirectionalLight>(l);
     });
 }
@@ -178,58 +199,54 @@ std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& 
     const auto choice = choose(reference, u.bits[0]);
     if (!choice) return std::nullopt;
     auto found = std::visit(
-        Overload{[&](const PointLight& l) -> std::optional<LightSample> {
-                     const Vec3f to_light = l.position - reference;
-                     const float d2 = length_squared(to_light);
-                     if (!(d2 > 0)) return std::nullopt;
-                     auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
-                     s.p = l.position;
-                     return s;
-                 },
-                 [&](const SpotLight& l) -> std::optional<LightSample> {
-                     const Vec3f to_light = l.position - reference;
-                     const float d2 = length_squared(to_light);
-                     if (!(d2 > 0)) return std::nullopt;
-                     const Vec3f wi = to_light * (1 / std::sqrt(d2));
-                     const float share = l.falloff(-wi);
-                     if (share == 0) return std::nullopt;
-                     auto s = delta_sample(wi, l.intensity * (share / d2));
-                     s.p = l.position;
-                     return s;
-                 },
-                 [&](const DirectionalLight& l) -> std::optional<LightSample> {
-                     auto s = delta_sample(-l.direction, l.irradiance);
-                     s.infinite = true;
-                     return s;
-                 },
-                 [&](const RectangleLight& l) {
-                     return if_any(
-                         shape_sample(reference, l.shape.sample(reference, u), l.radiance, false));
-                 },
-                 [&](const MeshLight& l) -> std::optional<LightSample> {
-                     const auto s = l.shape.sample(reference, u);
-                     if (!s) return std::nullopt;
-                     return if_any(shape_sample(
-                         reference, *s, materials_->emission(l.material, s->texture_point()),
-                         (*materials_)[l.material].two_sided));
-                 },
-                 [&](const SphereLight& l) {
-                     auto s = l.shape.sample(reference, u);
-                     if ((*materials_)[l.material].textured()) s.uv = s.uv1 = sphere_uv(s.n);
-                     return if_any(shape_sample(reference, s,
-                                                materials_->emission(l.material, s.texture_point()),
-                                                (*materials_)[l.material].two_sided));
-                 },
-                 [&](const EnvironmentTag&) -> std::optional<LightSample> {
-                     const auto e = environment_->sample(u);
-                     if (!e || !(e->pdf > 0)) return std::nullopt;
-                     LightSample s;
-                     s.wi = e->wi;
-                     s.weight = e->radiance * (1 / e->pdf);
-                     s.pdf = e->pdf;
-                     s.infinite = true;
-                     return s;
-                 }},
+        Overload{
+            [&](const PointLight& l) -> std::optional<LightSample> {
+                const Vec3f to_light = l.position - reference;
+                const float d2 = length_squared(to_light);
+                if (!(d2 > 0)) return std::nullopt;
+                auto s = delta_sample(to_light * (1 / std::sqrt(d2)), l.intensity * (1 / d2));
+                s.p = l.position;
+                return s;
+            },
+            [&](const SpotLight& l) {
+                return spread_sample(l, reference, [&](Vec3f away) { return l.falloff(away); });
+            },
+            [&](const ProfileLight& l) {
+                return spread_sample(l.spot, reference, [&](Vec3f away) { return l.share(away); });
+            },
+            [&](const DirectionalLight& l) -> std::optional<LightSample> {
+                auto s = delta_sample(-l.direction, l.irradiance);
+                s.infinite = true;
+                return s;
+            },
+            [&](const RectangleLight& l) {
+                return if_any(
+                    shape_sample(reference, l.shape.sample(reference, u), l.radiance, false));
+            },
+            [&](const MeshLight& l) -> std::optional<LightSample> {
+                const auto s = l.shape.sample(reference, u);
+                if (!s) return std::nullopt;
+                return if_any(shape_sample(reference, *s,
+                                           materials_->emission(l.material, s->texture_point()),
+                                           (*materials_)[l.material].two_sided));
+            },
+            [&](const SphereLight& l) {
+                auto s = l.shape.sample(reference, u);
+                if ((*materials_)[l.material].textured()) s.uv = s.uv1 = sphere_uv(s.n);
+                return if_any(shape_sample(reference, s,
+                                           materials_->emission(l.material, s.texture_point()),
+                                           (*materials_)[l.material].two_sided));
+            },
+            [&](const EnvironmentTag&) -> std::optional<LightSample> {
+                const auto e = environment_->sample(reference, u);
+                if (!e || !(e->pdf > 0)) return std::nullopt;
+                LightSample s;
+                s.wi = e->wi;
+                s.weight = e->radiance * (1 / e->pdf);
+                s.pdf = e->pdf;
+                s.infinite = true;
+                return s;
+            }},
         lights_[choice->light]);
     if (!found) return std::nullopt;
     found->light = int(choice->light);
@@ -263,9 +280,9 @@ Spectrumf LightSet::emitted(int light, const TexturePoint& at, bool front) const
         lights_[std::size_t(light)]);
 }
 
-float LightSet::pdf_environment(Vec3f direction) const {
+float LightSet::pdf_environment(Vec3f reference, Vec3f direction) const {
     if (environment_index_ < 0 || choice_.empty()) return 0;
-    return environment_->pdf(direction) *
+    return environment_->pdf(reference, direction) *
            choice_.probability(place_[std::size_t(environment_index_)]);
 }
 

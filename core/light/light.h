@@ -4,6 +4,7 @@
 #pragma once
 
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string_view>
 #include <variant>
@@ -12,6 +13,7 @@
 #include "light/area.h"
 #include "light/environment.h"
 #include "light/light_tree.h"
+#include "light/profile.h"
 #include "material/material.h"
 
 namespace matiere {
@@ -42,6 +44,18 @@ struct SpotLight {
     }
 };
 
+/// A point or a spot whose light a measured table spreads; a point's cone is wider than everything.
+struct ProfileLight {
+    SpotLight spot;  ///< intensity: where the table is 1
+    ProfileFrame frame;
+    std::shared_ptr<const LightProfile> profile;
+
+    float share(Vec3f away) const {
+        const float in_cone = spot.falloff(away);
+        return in_cone > 0 ? in_cone * frame.value(*profile, away) : 0;
+    }
+};
+
 /// A rectangle of constant radiance, lit on the side of its normal.
 struct RectangleLight {
     RectangleShape shape;
@@ -62,8 +76,8 @@ struct SphereLight {
 /// The environment takes part in the choice by its index alone; the set holds it.
 struct EnvironmentTag {};
 
-using Light = std::variant<PointLight, SpotLight, DirectionalLight, RectangleLight, MeshLight,
-                           SphereLight, EnvironmentTag>;
+using Light = std::variant<PointLight, SpotLight, ProfileLight, DirectionalLight, RectangleLight,
+                           MeshLight, SphereLight, EnvironmentTag>;
 
 /// Light arriving at a reference point from one sampled place.
 struct LightSample {
@@ -108,7 +122,8 @@ class LightSet {
     bool empty() const { return choice_.empty(); }
     int size() const { return int(lights_.size()); }
     int environment_index() const { return environment_index_; }
-    /// What light i is: point, spot, directional, rectangle, mesh, sphere or environment.
+    /// What light i is: point, spot, luminaire, directional, rectangle, mesh, sphere or
+    /// environment.
     std::string_view kind(int i) const;
     /// Lights without a surface: found by light sampling alone.
     bool has_points() const;
@@ -125,7 +140,7 @@ class LightSet {
     }
     /// Density with which `sample` finds the point of a light, or a direction of the environment.
     float pdf(Vec3f reference, const LightHit& hit) const;
-    float pdf_environment(Vec3f direction) const;
+    float pdf_environment(Vec3f reference, Vec3f direction) const;
     /// Radiance leaving a surface light towards the front or the back of its surface.
     Spectrumf emitted(int light, const TexturePoint& at, bool front) const;
 

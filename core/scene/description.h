@@ -65,14 +65,24 @@ struct SpotLightDescription {
     double inner_deg = 25, outer_deg = 30;
 };
 
+/// A point or spot whose light a table spreads over angles (light/profile.h); its largest value
+/// is 1.
+struct ProfileLightDescription {
+    SpotLightDescription spot;
+    bool cone = false;        ///< the spot's cone cuts the table
+    double rotation_deg = 0;  ///< about the axis
+    std::vector<float> vertical_deg, horizontal_deg, values;
+};
+
 /// `direction` is where the light travels; irradiance in W/m^2 on a surface facing it.
 struct DirectionalLightDescription {
     Vec3f direction;
     Spectrumf irradiance;
 };
 
-using LightDescription = std::variant<RectangleLightDescription, PointLightDescription,
-                                      SpotLightDescription, DirectionalLightDescription>;
+using LightDescription =
+    std::variant<RectangleLightDescription, PointLightDescription, SpotLightDescription,
+                 ProfileLightDescription, DirectionalLightDescription>;
 
 /// Lat-long radiance map: row 0 is +y, the centre column looks along -z, u grows to the right seen
 /// from inside. A 1 x 1 map is the constant environment.
@@ -81,6 +91,12 @@ struct EnvironmentDescription {
     std::vector<float> pixels;  ///< 3 per pixel
     double rotation_deg = 0;    ///< about +y, right-handed
     double scale = 1;
+};
+
+/// A window that the environment shines through, towards edge_u x edge_v.
+struct PortalDescription {
+    Vec3f corner, edge_u, edge_v;
+    std::string pointer;
 };
 
 struct RenderDescription {
@@ -92,6 +108,7 @@ struct RenderDescription {
     std::vector<SphereDescription> spheres;
     std::vector<LightDescription> lights;
     std::optional<EnvironmentDescription> environment;
+    std::vector<PortalDescription> portals;
     std::optional<EnvironmentDescription> backdrop;  ///< seen instead of the environment
     bool light_tree = true;  ///< false: lights are chosen by power alone (tests, benchmarks)
 };

@@ -60,6 +60,30 @@ std::unique_ptr<Mesh> make_mesh(MeshDescription&& d) {
     return mesh;
 }
 
+SpotLight spot_light(const SpotLightDescription& d) {
+    const auto cosine = [](double deg) { return float(std::cos(deg * kPi<double> / 180)); };
+    return {d.position, normalize(d.direction), d.intensity, cosine(d.outer_deg),
+            cosine(d.inner_deg)};
+}
+
+ProfileLight profile_light(const ProfileLightDescription& d) {
+    constexpr float kEverywhere = -2;  // below every cosine
+    SpotLight spot = spot_light(d.spot);
+    if (!d.cone) spot.cos_outer = spot.cos_inner = kEverywhere;
+    return {spot, ProfileFrame::hung(spot.direction, d.rotation_deg),
+            std::make_shared<LightProfile>(d.vertical_deg, d.horizontal_deg, d.values)};
+}
+
+std::vector<RectangleShape> portal_shapes(const std::vector<PortalDescription>& portals) {
+    std::vector<RectangleShape> shapes;
+    for (const PortalDescription& p : portals) {
+        shapes.emplace_back(p.corner, p.edge_u, p.edge_v);
+        if (!(shapes.back().area > 0))
+            throw SceneError("degenerate_light", "edge_u and edge_v span no area", p.pointer);
+    }
+    return shapes;
+}
+
 }  // namespace
 
 Scene::Scene(RenderDescription description, int threads, const CancelToken* cancel)
@@ -156,16 +180,17 @@ void Scene::build_lights(const RenderDescription& description) {
         } else if (const auto* p = std::get_if<PointLightDescription>(&l)) {
             lights.emplace_back(PointLight{p->position, p->intensity});
         } else if (const auto* s = std::get_if<SpotLightDescription>(&l)) {
-            const auto cosine = [](double deg) { return float(std::cos(deg * kPi<double> / 180)); };
-            lights.emplace_back(SpotLight{s->position, normalize(s->direction), s->intensity,
-                                          cosine(s->outer_deg), cosine(s->inner_deg)});
+            lights.emplace_back(spot_light(*s));
+        } else if (const auto* table = std::get_if<ProfileLightDescription>(&l)) {
+            lights.emplace_back(profile_light(*table));
         } else if (const auto* d = std::get_if<DirectionalLightDescription>(&l)) {
             lights.emplace_back(DirectionalLight{normalize(d->direction), d->irradiance});
         }
     }
     std::optional<EnvironmentLight> environment;
     if (const auto& e = description.environment)
-        environment.emplace(e->width, e->height, e->pixels, e->rotation_deg, e->scale);
+        environment.emplace(e->width, e->height, e->pixels, e->rotation_deg, e->scale,
+                            Portals(portal_shapes(description.portals)));
     lights_ = std::make_unique<LightSet>(std::move(lights), std::move(environment), *materials_,
                                          bounding_radius(), description.light_tree);
 }

@@ -87,6 +87,9 @@ CHANGES_PIXELS: dict[str, Change] = {
     "light": lambda s: s["lights"][0].update(radiance=[10, 10, 11]),
     "point light": lambda s: s["lights"][1].update(intensity=1),
     "sun": lambda s: s["lights"][2].update(irradiance=1),
+    "portals": lambda s: s["environment"].update(
+        portals=[{"corner": [0, 0, 0], "edge_u": [1, 0, 0], "edge_v": [0, 1, 0]}]
+    ),
     "spot": lambda s: s["lights"][3].update(outer_deg=31),
     "fewer lights": lambda s: s["lights"].pop(),
     "environment": lambda s: s["environment"]["pixels"][0][0].__setitem__(0, 9),

@@ -89,7 +89,7 @@ def _node(node: Node | Any, scene: Scene) -> dict[str, Any]:
     result = {}
     for name in type(node).model_fields:
         value = getattr(node, name)
-        is_file = name == "file" and isinstance(value, str)
+        is_file = name in ("file", "ies") and isinstance(value, str)
         if is_file:
             suffix = value.rsplit(".", 1)[-1].lower()
             result[name] = {"sha256": scene.asset_digest(value), "format": suffix}

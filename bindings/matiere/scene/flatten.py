@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from matiere.errors import AssetChanged, Fault, SceneValidationError, pointed, pointer
 from matiere.materials import metal
 from matiere.scene.assets import AssetRoot
+from matiere.scene.ies import IesProfile, load_ies
 from matiere.scene.lights import (
     DirectionalLight,
     Environment,
@@ -59,6 +60,7 @@ class _Work:
     environment: NDArray[np.float32] | None = None
     backdrop: NDArray[np.float32] | None = None
     measured: dict[str, Arrays] = field(default_factory=dict)  # file name -> what it holds
+    profiles: dict[str, IesProfile] = field(default_factory=dict)
 
     def note(self, at: str, code: str, message: str, count: int) -> None:
         self.notes.append({"pointer": at, "code": code, "message": message, "count": count})
@@ -78,6 +80,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     _check_scalar_textures(model, work)
     _read_environment(model, assets, work)
     _read_measured(model, assets, work)
+    _read_profiles(model, assets, work)
     if work.faults:
         raise SceneValidationError(work.faults)
     center = scene_center(model, [mesh for _, mesh in meshes])
@@ -86,7 +89,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     _add_meshes(meshes, center, work)
     _add_spheres(model, center, work)
     _add_lights(model, center, work)
-    _add_environment(model, work)
+    _add_environment(model, center, work)
     _add_backdrop(model, work)
     _note_darkness(model, work)
     if work.faults:
@@ -209,6 +212,15 @@ def _read_measured(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
                     work.measured[file] = load_measured(file, assets)
 
 
+def _read_profiles(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
+    """Read every photometric file once."""
+    for index, light in enumerate(model.lights):
+        name = light.ies if isinstance(light, PointLight | SpotLight) else None
+        if name is not None and name not in work.profiles:
+            with _collected(pointer("lights", index, "ies"), work):
+                work.profiles[name] = load_ies(name, assets)
+
+
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
     film, camera = model.film, model.camera
     work.description.set_film(film.width, film.height, film.filter, film.radius, film.crop)
@@ -329,6 +341,8 @@ def _add_lights(model: SceneModel, center: Vector, work: _Work) -> None:
                 light.radiance,
                 pointer=pointer("lights", index),
             )
+        elif isinstance(light, PointLight | SpotLight) and light.ies is not None:
+            _add_profile_light(light, work.profiles[light.ies], center, work)
         elif isinstance(light, PointLight):
             work.description.add_point_light(_near(light.position, center), light.intensity)
         elif isinstance(light, SpotLight):
@@ -343,10 +357,33 @@ def _add_lights(model: SceneModel, center: Vector, work: _Work) -> None:
             work.description.add_directional_light(light.direction, light.irradiance)
 
 
-def _add_environment(model: SceneModel, work: _Work) -> None:
+def _add_profile_light(
+    light: PointLight | SpotLight, profile: IesProfile, center: Vector, work: _Work
+) -> None:
+    """Add a light as its file spreads it; its intensity is that of the brightest direction."""
+    work.description.add_profile_light(
+        _near(light.position, center),
+        light.direction,
+        light.intensity,
+        {
+            "vertical_deg": profile.vertical_deg,
+            "horizontal_deg": profile.horizontal_deg,
+            "values": profile.candela / profile.candela.max(),
+        },
+        (light.inner, light.outer_deg) if isinstance(light, SpotLight) else None,
+        light.rotation_deg,
+    )
+
+
+def _add_environment(model: SceneModel, center: Vector, work: _Work) -> None:
     environment = model.environment
     if environment is None:
         return
+    for index, portal in enumerate(environment.portals):
+        at = pointer("environment", "portals", index)
+        work.description.add_portal(
+            _near(portal.corner, center), portal.edge_u, portal.edge_v, pointer=at
+        )
     if environment.radiance is not None:
         r, g, b = (c * environment.scale for c in environment.radiance)
         work.description.set_constant_environment((r, g, b))

@@ -13,16 +13,24 @@ from matiere.scene.camera import norm
 from matiere.scene.checks import (
     Color,
     Direction,
+    Float3,
     Line,
     Name,
     Node,
     Vec3,
     choose,
     fault,
+    faults,
     numbers,
     shown,
     tagged,
 )
+
+
+def _not_perpendicular(edge_u: Float3, edge_v: Float3) -> Iterable[Line]:
+    dot = sum(a * b for a, b in zip(edge_u, edge_v, strict=True))
+    if abs(dot) > 1e-6 * norm(edge_u) * norm(edge_v):
+        yield ("edge_v",), fault("degenerate", "must be perpendicular to edge_u")
 
 
 class RectangleLight(Node):
@@ -36,19 +44,30 @@ class RectangleLight(Node):
     radiance: Color = Field(description="W/m^2/sr")
 
     def problems(self) -> Iterable[Line]:
-        dot = sum(a * b for a, b in zip(self.edge_u, self.edge_v, strict=True))
-        lengths = norm(self.edge_u) * norm(self.edge_v)
-        if abs(dot) > 1e-6 * lengths:
-            yield ("edge_v",), fault("degenerate", "must be perpendicular to edge_u")
+        yield from _not_perpendicular(self.edge_u, self.edge_v)
 
 
 class PointLight(Node):
-    """A point that radiates alike in all directions."""
+    """A point that radiates alike in all directions, or as a photometric file says."""
 
     type: Literal["point"] = Field(description="which kind this is")
     name: Name | None = Field(None, description="for messages and reports")
     position: Vec3 = Field(description="metres")
-    intensity: Color = Field(description="W/sr")
+    intensity: Color = Field(description="W/sr; with ies: in the brightest direction")
+    ies: Name | None = Field(
+        None, description="photometric file (.ies, type C) that spreads the light over directions"
+    )
+    direction: Direction = Field(
+        (0.0, -1.0, 0.0), description="where the file's vertical angle 0 points"
+    )
+    rotation_deg: float = Field(
+        0.0, description="turn of the file's horizontal angles about direction, degrees"
+    )
+
+    def problems(self) -> Iterable[Line]:
+        for key in ("direction", "rotation_deg"):
+            if self.ies is None and key in self.model_fields_set:
+                yield (key,), fault("exclusive_keys", f"{key!r} belongs to 'ies'")
 
 
 class SpotLight(Node):
@@ -58,7 +77,17 @@ class SpotLight(Node):
     name: Name | None = Field(None, description="for messages and reports")
     position: Vec3 = Field(description="metres")
     direction: Direction = Field(description="axis of the cone, away from the light")
-    intensity: Color = Field(description="W/sr on the axis")
+    intensity: Color = Field(
+        description="W/sr on the axis; with ies: in the file's brightest direction"
+    )
+    ies: Name | None = Field(
+        None,
+        description="photometric file (.ies, type C) that spreads the light inside the cone; its "
+        "vertical angle 0 lies on the axis",
+    )
+    rotation_deg: float = Field(
+        0.0, description="turn of the file's horizontal angles about the axis, degrees"
+    )
     outer_deg: float = Field(
         30.0,
         gt=0,
@@ -73,6 +102,8 @@ class SpotLight(Node):
     def problems(self) -> Iterable[Line]:
         if self.inner_deg is not None and self.inner_deg > self.outer_deg:
             yield ("inner_deg",), fault("out_of_range", "must not be greater than outer_deg")
+        if self.ies is None and "rotation_deg" in self.model_fields_set:
+            yield ("rotation_deg",), fault("exclusive_keys", "'rotation_deg' belongs to 'ies'")
 
     @property
     def inner(self) -> float:
@@ -107,6 +138,17 @@ Light = Annotated[
 ColorSpace = Literal["sRGB", "linear", "data"]
 
 
+class Portal(Node):
+    """A window: a rectangle through which the environment shines towards edge_u x edge_v."""
+
+    corner: Vec3 = Field(description="metres")
+    edge_u: Direction = Field(description="first edge from the corner, metres")
+    edge_v: Direction = Field(description="second edge from the corner, metres")
+
+    def problems(self) -> Iterable[Line]:
+        yield from _not_perpendicular(self.edge_u, self.edge_v)
+
+
 class Environment(Node):
     """Light from all around: a lat-long image (`file` or `pixels`) or one `radiance`.
 
@@ -123,6 +165,10 @@ class Environment(Node):
         0.0, description="turn about +y, counter-clockwise seen from above, degrees"
     )
     scale: float = Field(1.0, ge=0, description="factor on the radiance")
+    portals: list[Portal] = Field(
+        default_factory=list, max_length=256,
+        description="windows of a room: light is looked for through them alone",
+    )  # fmt: skip
 
     def problems(self) -> Iterable[Line]:
         given = [k for k in ("file", "pixels", "radiance") if getattr(self, k) is not None]
@@ -137,7 +183,11 @@ def _background(value: Any) -> Any:
     if isinstance(value, Environment):
         return value
     if isinstance(value, Mapping):
-        return Environment.model_validate(value)
+        made = Environment.model_validate(value)
+        if made.portals:
+            why = "a background lights nothing; portals belong to `environment`"
+            raise faults([(("portals",), fault("unsupported", why))])
+        return made
     words = ("environment", "transparent")
     if isinstance(value, str):
         if value in words:

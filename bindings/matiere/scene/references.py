@@ -16,6 +16,7 @@ from matiere.scene.model import DEFAULT_CONFIG, DEFAULT_DISPLAY, DEFAULT_VIEW
 
 MESH_SUFFIXES = (".ply", ".obj", ".glb")
 MEASURED_SUFFIXES = (".binary", ".bsdf")
+IES_SUFFIXES = (".ies",)
 IMAGE_SUFFIXES = (".exr", ".hdr", ".png", ".jpg", ".jpeg", ".tif", ".tiff")
 
 Place = tuple[str | int, ...]
@@ -43,6 +44,9 @@ def files(document: Mapping[str, Any]) -> Iterator[tuple[Place, str, tuple[str, 
     for key, material in _entries(document.get("materials")):
         for place, name in _files_in(material):
             yield ("materials", key, *place), name, MEASURED_SUFFIXES
+    for index, light in enumerate(_list(document.get("lights"))):
+        if isinstance(name := light.get("ies"), str):
+            yield ("lights", index, "ies"), name, IES_SUFFIXES
     for key in ("environment", "background"):
         sky = document.get(key)
         if isinstance(sky, Mapping) and isinstance(name := sky.get("file"), str):

@@ -130,7 +130,9 @@ class Scene:
 
     def _document(self) -> Mapping[str, Any]:
         shapes = self.model.shapes
+        lights = self.model.lights
         names: dict[str, Any] = {
+            "lights": [{"ies": getattr(light, "ies", None)} for light in lights],
             "shapes": [{"type": s.type, "file": getattr(s, "file", None)} for s in shapes],
             "textures": {key: {"file": t.file} for key, t in self.model.textures.items()},
             "materials": {key: _file_tree(m) for key, m in self.model.materials.items()},
