@@ -70,8 +70,9 @@ std::uint64_t Plan::boundary(std::uint64_t k) const {
 
 std::uint64_t Plan::ranges(std::uint64_t spp) const {
     if (spp > kMaxSpp)
-        throw SceneError("bad_spp", "spp is at most " + std::to_string(kMaxSpp) + ", not " + std::to_string(spp),
-                         "/render/spp");
+        throw SceneError(
+            "bad_spp", "spp is at most " + std::to_string(kMaxSpp) + ", not " + std::to_string(spp),
+            "/render/spp");
     for (std::uint64_t k = 0; k <= kDoublings; ++k)
         if (boundary(k) >= spp) return k;
     const std::uint64_t step = kStep * std::uint64_t(replicates_);
