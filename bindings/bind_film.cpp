@@ -183,6 +183,27 @@ py::dict cut_energy_dict(const Film& film, const std::string& cause) {
     return d;
 }
 
+py::list film_aovs(const Film& film) {
+    py::list names;
+    for (std::size_t i = 0; i < kAovs.size(); ++i)
+        if (film.layout().has(Aov(i))) names.append(std::string(kAovs[i].name));
+    return names;
+}
+
+py::array_t<double> film_aov(const Film& film, const std::string& name) {
+    const auto aov = aov_from_name(name);
+    if (!aov) throw py::value_error("no layer is called " + name);
+    std::vector<double> values;
+    {
+        const py::gil_scoped_release release;
+        values = film.aov(*aov);
+    }
+    py::array_t<double> array({py::ssize_t(film.height()), py::ssize_t(film.width()),
+                               py::ssize_t(kAovs[std::size_t(*aov)].channels)});
+    std::memcpy(array.mutable_data(), values.data(), values.size() * sizeof(double));
+    return array;
+}
+
 void bind_film_class(py::module_& m) {
     py::class_<Film>(m, "Film", "Replicate sums of an image, folded chunk by chunk in double.")
         .def(py::init<int, int, int, bool>(), py::arg("width"), py::arg("height"),
@@ -242,15 +263,32 @@ void bind_film_class(py::module_& m) {
                  }
                  return error_dict(e);
              })
+        .def_property_readonly("aovs", &film_aovs, "Names of the layers beside the light.")
+        .def("aov", &film_aov, py::arg("name"), "(H, W, C) mean of a layer; SceneError if absent.")
         .def("to_bytes", [](const Film& film) { return as_bytes(film.to_bytes()); })
         .def_static(
             "from_bytes", [](const py::bytes& b) { return Film::from_bytes(as_span(b)); },
             py::arg("data"))
-        .def_static("bytes_per_pixel", &Film::bytes_per_pixel, py::arg("replicates"),
-                    py::arg("adaptive") = false);
+        .def_static(
+            "bytes_per_pixel",
+            [](int replicates, bool adaptive, const std::vector<std::string>& aovs) {
+                return Film::bytes_per_pixel(replicates, adaptive, aov_set(aovs));
+            },
+            py::arg("replicates"), py::arg("adaptive") = false,
+            py::arg("aovs") = std::vector<std::string>());
 }
 
 }  // namespace
+
+AovSet aov_set(const std::vector<std::string>& names) {
+    AovSet set = 0;
+    for (const std::string& name : names) {
+        const auto aov = aov_from_name(name);
+        if (!aov) throw py::value_error("no layer is called " + name);
+        set |= AovSet(1) << unsigned(*aov);
+    }
+    return set;
+}
 
 py::dict counters_dict(const Work& work) {
     py::dict d;
@@ -337,6 +375,9 @@ void bind_film(py::module_& m) {
     m.def("look_confidence", &look_confidence, py::arg("look"),
           "Confidence of look k of a run: the misses of all looks sum to 5 %.");
     m.attr("CONFIDENCE") = kConfidence;
+    py::list aovs;
+    for (const AovInfo& info : kAovs) aovs.append(std::string(info.name));
+    m.attr("AOVS") = py::tuple(aovs);
     bind_plan(m);
     bind_chunk_film(m);
     bind_film_class(m);

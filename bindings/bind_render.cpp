@@ -167,7 +167,7 @@ py::dict render_synthetic(Film& film, const std::string& kind, const py::dict& s
     const Synthetic sampler{*parsed, seed, spread, repeat_after};
     const Plan plan = film.plan();
     const ChunkFunction chunk = [&](std::uint32_t index, const CancelToken& token) {
-        return fill_chunk(plan, index, {{}, sampler.seed, 0, 0}, token, sampler);
+        return fill_chunk(plan, index, {{}, sampler.seed, 0, 0, 0}, token, sampler);
     };
     return run_loop(chunk, film, stop, threads, callback, cancel);
 }
@@ -202,16 +202,18 @@ std::string settings_repr(const Settings& s) {
 
 void bind_settings(py::module_& m) {
     py::class_<Settings>(m, "Settings", "What decides the value of a sample, beside the scene.")
-        .def(py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
-                         bool transparent_background, bool guide_caustics,
-                         const std::string& kernel, float threshold) {
-                 return Settings{
-                     seed,           max_depth, parse_strategy(strategy), transparent_background,
-                     guide_caustics, threshold, parse_kernel(kernel)};
-             }),
-             py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
-             py::arg("transparent_background") = false, py::arg("guide_caustics") = true,
-             py::arg("kernel") = "", py::arg("threshold") = 0.0F)
+        .def(
+            py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
+                        bool transparent_background, bool guide_caustics, const std::string& kernel,
+                        float threshold, const std::vector<std::string>& aovs) {
+                return Settings{
+                    seed,           max_depth, parse_strategy(strategy), transparent_background,
+                    guide_caustics, threshold, parse_kernel(kernel),     aov_set(aovs)};
+            }),
+            py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
+            py::arg("transparent_background") = false, py::arg("guide_caustics") = true,
+            py::arg("kernel") = "", py::arg("threshold") = 0.0F,
+            py::arg("aovs") = std::vector<std::string>())
         .def_readonly("seed", &Settings::seed)
         .def_readonly("max_depth", &Settings::max_depth)
         .def_readonly("transparent_background", &Settings::transparent_background)

@@ -248,6 +248,7 @@ void bind_description(py::module_& m) {
         .def("set_backdrop", &set_backdrop, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
         .def_readwrite("light_tree", &RenderDescription::light_tree)
+        .def_readwrite("keep_uv", &RenderDescription::keep_uv)
         .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
 }
 

@@ -3,11 +3,17 @@
 
 #include <pybind11/pybind11.h>
 
+#include <string>
+#include <vector>
+
+#include "film/aov.h"
 #include "film/estimate.h"
 #include "render/diagnostics.h"
 
 namespace matiere {
 
+/// Layers by name; ValueError for another name.
+AovSet aov_set(const std::vector<std::string>& names);
 pybind11::dict counters_dict(const Work& work);
 pybind11::list feature_names(Features features);
 /// `kernels`, `found`, `left_out` (features by name) and `outliers`, the brightest first.

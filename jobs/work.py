@@ -244,6 +244,8 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
     assets = request["assets"]
     scene = load(document, asset_root=assets["root"], pins=assets["pins"])
     of = chunks.plan(scene.model)
+    if "position" in scene.model.film.aovs:
+        scene.flatten()  # finds where the core's origin lies
     info = replace(
         FilmInfo.of_scene(scene),
         log=tuple(header["log"]),

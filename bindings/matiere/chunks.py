@@ -55,7 +55,15 @@ def settings(model: SceneModel, strategy: str = "mis") -> _core.Settings:
         strategy,
         model.background == "transparent",
         threshold=render.threshold or 0.0,
+        aovs=aovs(model),
     )
+
+
+def aovs(model: SceneModel) -> list[str]:
+    """Return the layers that the film of a scene stores beside its light."""
+    from matiere.scene.model import MADE_AOVS
+
+    return [name for name in model.film.aovs if name not in MADE_AOVS]
 
 
 def stop_rule(model: SceneModel) -> dict[str, Any]:
@@ -77,7 +85,7 @@ def stop_rule(model: SceneModel) -> dict[str, Any]:
 
 
 def new_film(of: _core.Plan) -> _core.Film:
-    """Return an empty film for a plan."""
+    """Return an empty film for a plan; it takes the layers of the first chunk added."""
     from matiere import _core
 
     return _core.Film(of.width, of.height, of.replicates, of.adaptive)

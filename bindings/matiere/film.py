@@ -42,6 +42,8 @@ class FilmInfo:
     build_s: float = 0.0
     versions: Mapping[str, str] = field(default_factory=dict)
     notes: tuple[Mapping[str, Any], ...] = ()
+    aovs: tuple[str, ...] = ()  # asked for, in the scene's order
+    center: tuple[float, ...] = (0.0, 0.0, 0.0)  # the core's origin in the scene, m
 
     @classmethod
     def of_scene(cls, scene: Scene) -> FilmInfo:
@@ -62,6 +64,8 @@ class FilmInfo:
             materials=tuple(scene.model.materials),
             versions=fingerprint(),
             notes=tuple(scene.notes),
+            aovs=tuple(scene.model.film.aovs),
+            center=scene.center,
         )
 
 
@@ -193,6 +197,21 @@ class Film:
     def sample_counts(self) -> NDArray[np.uint32]:
         """Samples of every pixel, (H, W)."""
         return np.array(self._core.counts)
+
+    @property
+    def aovs(self) -> tuple[str, ...]:
+        """Layers that the scene asked for beside the light: `film.aovs`, docs/aovs.md."""
+        return self.info.aovs
+
+    def aov(self, name: str) -> Image:
+        """Return a layer, float64 (H, W, C), or (H, W) for depth, material_id and sample_count.
+
+        `standard_error` and `sample_count` are there in every film, the others if the scene's
+        `film.aovs` asked for them. Raises FilmError for any other name.
+        """
+        from matiere.aovs import layer
+
+        return layer(self, name)
 
     @cached_property
     def report(self) -> dict[str, Any]:

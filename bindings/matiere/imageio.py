@@ -225,6 +225,7 @@ class Stored:
     metadata: Mapping[str, str | int | float | tuple[float, ...]]
     color_space: str = ""  # Color Interop Forum ID; empty: linear Rec.709 in EXR, else sRGB
     quality: int = 95  # of a JPEG, 1 to 100; below 90 colour has half the resolution
+    full: int = 0  # so many of the last channels are float in a half EXR
 
 
 def write_stored(path: str | os.PathLike[str], stored: Stored, pixel_type: str) -> None:
@@ -247,6 +248,9 @@ def encode(stored: Stored, suffix: str, pixel_type: str) -> bytes:
     height, width, count = stored.pixels.shape
     spec = oiio.ImageSpec(width, height, count, pixel_type)
     spec.channelnames = tuple(stored.channels)
+    if stored.full and pixel_type == "half":
+        kinds = [oiio.TypeHalf] * (count - stored.full) + [oiio.TypeFloat] * stored.full
+        spec.channelformats = tuple(kinds)
     _describe(spec, stored, suffix)
     target = oiio.ImageOutput.create(suffix.removeprefix("."))
     if target is None:
@@ -283,6 +287,8 @@ def _complete(name: str, stored: Stored, suffix: str, pixel_type: str) -> bool:
             return False
         with np.errstate(over="ignore"):
             kept = stored.pixels.astype(wanted).astype(read.dtype)
+        if stored.full:
+            kept[:, :, -stored.full :] = stored.pixels[:, :, -stored.full :]
         held = list(source.spec().channelnames)  # EXR puts R, G, B, A first
         order = [held.index(c) for c in stored.channels] if suffix == ".exr" else slice(None)
         read = read.reshape(kept.shape)[:, :, order]
@@ -381,11 +387,19 @@ def write_image(
             pixels, names = pixels[:, :, :3], names[:3]
         write_stored(path, Stored(quantise(pixels, depth), names, notes, space), _TYPES[depth])
         return
+    full = 0
     if not isinstance(film, np.ndarray) and not asked:
+        from matiere.aovs import exr_layers
+
         error = np.asarray(film.standard_error, np.float32) * np.float32(2.0**exposure)
         pixels = np.concatenate([pixels, error], axis=2)
         names += [f"standard_error.{c}" for c in "RGB"]
-    write_stored(path, Stored(pixels.astype(np.float32), names, notes, space), _FLOATS[depth])
+        layers, called = exr_layers(film)
+        pixels = np.concatenate([pixels, *layers], axis=2)
+        names += called
+        full = len(called)
+    stored = Stored(pixels.astype(np.float32), names, notes, space, full=full)
+    write_stored(path, stored, _FLOATS[depth])
 
 
 def _depth(suffix: str, bit_depth: int | None) -> int:

@@ -91,6 +91,7 @@ def render(
         threads=outcome["threads"],
         build_s=earlier.build_s + build_s,
         notes=tuple(scene.notes),
+        center=scene.center,
     )
     return Film(core, info)
 
@@ -100,7 +101,7 @@ def film_bytes(scene: Scene) -> dict[str, int]:
     from matiere import _core
 
     of = chunks.plan(scene.model)
-    each = _core.Film.bytes_per_pixel(of.replicates, of.adaptive)
+    each = _core.Film.bytes_per_pixel(of.replicates, of.adaptive, chunks.aovs(scene.model))
     return {"bytes_per_pixel": each, "bytes": each * of.width * of.height}
 
 

@@ -23,6 +23,8 @@ inline constexpr Features kNeedsLights = 1U << 8;      ///< more than one rectan
 inline constexpr Features kNeedsScattering = 1U << 9;  ///< media that scatter
 /// Not of a scene: the kernel that writes down what a path met.
 inline constexpr Features kRecords = 1U << 31;
+/// Not of a scene: the kernel that tells the layers of a film apart.
+inline constexpr Features kCollects = 1U << 30;
 
 // Every kernel has these: a scene without them skips them at the cost of a test.
 inline constexpr Features kHasDelta = 1U << 16;

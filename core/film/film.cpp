@@ -2,6 +2,7 @@
 
 #include <algorithm>
 #include <cmath>
+#include <limits>
 #include <numeric>
 #include <string>
 
@@ -23,11 +24,13 @@ std::string describe(const Plan& p) {
 
 }  // namespace
 
-ChunkFilm::ChunkFilm(const Plan& plan, std::uint32_t index)
+ChunkFilm::ChunkFilm(const Plan& plan, std::uint32_t index, AovSet aovs)
     : plan_(plan),
       chunk_(plan.chunk(index)),
+      layout_(aovs),
       counts_(pixel_count(chunk_.width(), chunk_.height()), 0) {
     sums_.resize(sum_count(chunk_.replicates(), counts_.size()), 0.0);
+    aovs_.resize(counts_.size() * std::size_t(layout_.channels()), 0.0);
 }
 
 Film::Film(const Plan& plan)
@@ -88,7 +91,15 @@ void Film::add(const ChunkFilm& part) {
         throw SceneError("chunk_out_of_order", "chunk " + std::to_string(c.index) +
                                                    " was given where chunk " +
                                                    std::to_string(expected) + " is next");
+    if (part.layout().set() != layout_.set()) {
+        if (std::any_of(counts_.begin(), counts_.end(), [](std::uint32_t n) { return n != 0; }))
+            throw SceneError("chunk_of_another_film",
+                             "the chunk has other layers than the film: render both with the same "
+                             "film.aovs");
+        set_layers(part.layout().set());
+    }
     add_sums(part);
+    add_aovs(part);
     work_ += part.work();
     provenance_ += part.provenance();
     Cuts& cuts = cuts_[c.index % std::uint32_t(plan_.strips())];
@@ -144,11 +155,66 @@ CutEnergy Film::cut_energy(Cut cause) const {
     return energy;
 }
 
+void Film::set_layers(AovSet aovs) {
+    layout_ = AovLayout(aovs);
+    aovs_.assign(std::size_t(plan_.halves()) * counts_.size() * std::size_t(layout_.channels()),
+                 0.0);
+}
+
+void Film::add_aovs(const ChunkFilm& part) {
+    const Chunk& c = part.chunk();
+    const auto channels = std::size_t(layout_.channels());
+    const std::size_t row_values = std::size_t(c.width()) * channels;
+    const double* from = part.aovs().data();
+    const std::size_t half = c.r0 == 0 ? 0 : counts_.size();
+    for (int y = c.y0; y < c.y1 && channels > 0; ++y, from += row_values) {
+        double* to = &aovs_[(half + pixel_count(width(), y) + std::size_t(c.x0)) * channels];
+        for (std::size_t i = 0; i < row_values; ++i) to[i] += from[i];
+    }
+}
+
+std::vector<double> Film::aov(Aov aov) const {
+    if (!layout_.has(aov))
+        throw SceneError("no_layer", "the film has no layer '" +
+                                         std::string(kAovs[std::size_t(aov)].name) + "'");
+    const AovInfo& info = kAovs[std::size_t(aov)];
+    const auto channels = std::size_t(info.channels);
+    std::vector<double> out(counts_.size() * channels, 0.0);
+    const int share = replicates() / plan_.halves();
+    for (std::size_t pixel = 0; pixel < counts_.size(); ++pixel) {
+        double* to = &out[pixel * channels];
+        if (info.mean == AovMean::kFirst) {
+            *to = aov_sum(0, pixel, layout_.offset(aov)) - 1.0;
+            continue;
+        }
+        double met = 0.0;  // the halves of an adaptive film weigh the same
+        for (int half = 0; half < plan_.halves(); ++half) {
+            const double n = double(count(pixel, half * share)) * double(plan_.halves());
+            if (n == 0.0) continue;
+            met += aov_sum(half, pixel, layout_.met()) / n;
+            for (int c = 0; c < info.channels; ++c)
+                to[c] += aov_sum(half, pixel, layout_.offset(aov) + c) / n;
+        }
+        if (info.mean == AovMean::kSamples) continue;
+        using Limits = std::numeric_limits<double>;
+        const double nothing = aov == Aov::kDepth ? Limits::infinity() : Limits::quiet_NaN();
+        for (std::size_t c = 0; c < channels; ++c) to[c] = met > 0.0 ? to[c] / met : nothing;
+    }
+    return out;
+}
+
 void Film::merge(const Film& other) {
     if (other.plan_ != plan_)
         throw SceneError("films_do_not_match", "the other film is " + describe(other.plan_) +
                                                    ", this one is " + describe(plan_));
+    if (other.layout_.set() != layout_.set())
+        throw SceneError("films_do_not_match", "the films have other layers beside the light");
     for (std::size_t i = 0; i < sums_.size(); ++i) sums_[i] += other.sums_[i];
+    const auto channels = std::size_t(layout_.channels());
+    for (std::size_t i = 0; i < aovs_.size(); ++i)  // the first film's first sample stays
+        if (!layout_.has(Aov::kMaterialId) ||
+            i % channels != std::size_t(layout_.offset(Aov::kMaterialId)))
+            aovs_[i] += other.aovs_[i];
     for (std::size_t i = 0; i < counts_.size(); ++i) counts_[i] += other.counts_[i];
     for (std::size_t i = 0; i < first_counts_.size(); ++i)
         first_counts_[i] += other.first_counts_[i];

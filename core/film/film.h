@@ -12,6 +12,7 @@
 
 #include "base/guard.h"
 #include "film/adaptive_state.h"
+#include "film/aov.h"
 #include "film/cut_energy.h"
 #include "film/outliers.h"
 #include "film/plan.h"
@@ -37,7 +38,7 @@ struct Work {
 /// The sums of one chunk, starting from zero.
 class ChunkFilm {
  public:
-    ChunkFilm(const Plan& plan, std::uint32_t index);
+    ChunkFilm(const Plan& plan, std::uint32_t index, AovSet aovs = 0);
 
     const Plan& plan() const { return plan_; }
     const Chunk& chunk() const { return chunk_; }
@@ -57,8 +58,16 @@ class ChunkFilm {
         ++counts_[pixel];
     }
 
+    /// Adds what sample s says of the layers; beside `add`.
+    void add_aovs(int x, int y, std::uint64_t s, const AovSample& sample) {
+        const std::size_t pixel = std::size_t(y) * std::size_t(chunk_.width()) + std::size_t(x);
+        layout_.add(sample, s == 0, &aovs_[pixel * std::size_t(layout_.channels())]);
+    }
+
     std::span<const double> sums() const { return sums_; }  ///< [r - r0][y][x][channel]
     std::span<const std::uint32_t> counts() const { return counts_; }
+    const AovLayout& layout() const { return layout_; }
+    std::span<const double> aovs() const { return aovs_; }  ///< [y][x][channel of the layout]
 
     /// Self-describing little-endian bytes with a CRC-64 at the end.
     std::vector<std::byte> to_bytes() const;
@@ -68,7 +77,8 @@ class ChunkFilm {
  private:
     Plan plan_;
     Chunk chunk_;
-    std::vector<double> sums_;
+    AovLayout layout_;
+    std::vector<double> sums_, aovs_;
     std::vector<std::uint32_t> counts_;
     Work work_;
     Provenance provenance_;
@@ -142,12 +152,19 @@ class Film {
         return plan_.adaptive() ? 0.5 * result : result;
     }
 
+    /// Layers beside the light; an empty film takes those of its first chunk.
+    const AovLayout& layout() const { return layout_; }
+    /// Mean of a layer, [y][x][channel]; where nothing was met material_id
+    /// is -1, depth infinite, position and uv NaN.
+    std::vector<double> aov(Aov aov) const;
+
     std::vector<std::byte> to_bytes() const;
     static Film from_bytes(std::span<const std::byte> bytes);
 
-    static std::size_t bytes_per_pixel(int replicates, bool adaptive = false) {
-        return std::size_t(replicates) * kFilmChannels * sizeof(double) +
-               (adaptive ? 2 : 1) * sizeof(std::uint32_t);
+    static std::size_t bytes_per_pixel(int replicates, bool adaptive = false, AovSet aovs = 0) {
+        const int values =
+            replicates * kFilmChannels + AovLayout(aovs).channels() * (adaptive ? 2 : 1);
+        return std::size_t(values) * sizeof(double) + (adaptive ? 2 : 1) * sizeof(std::uint32_t);
     }
 
  private:
@@ -157,11 +174,20 @@ class Film {
     }
     std::uint64_t strip_spp(int strip) const;
     void add_sums(const ChunkFilm& part);
+    void add_aovs(const ChunkFilm& part);
+    void set_layers(AovSet aovs);
+    double aov_sum(int half, std::size_t pixel, int channel) const {
+        const auto channels = std::size_t(layout_.channels());
+        return aovs_[(std::size_t(half) * counts_.size() + pixel) * channels +
+                     std::size_t(channel)];
+    }
     void check_counts() const;
     void restore(AdaptiveState::Record record);
 
     Plan plan_;
+    AovLayout layout_;
     std::vector<double> sums_;
+    std::vector<double> aovs_;  ///< [half of the replicates][y][x][channel of the layout]
     std::vector<std::uint32_t> counts_, first_counts_;
     std::optional<AdaptiveState> adaptive_;
     Work work_;

@@ -16,7 +16,7 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr std::uint64_t kChunkMagic = 0x314b4e4843544d89ULL;  // 0x89 "MTCHNK1"
 constexpr std::uint64_t kFilmMagic = 0x314d4c4946544d89ULL;   // 0x89 "MTFILM1"
-constexpr std::uint32_t kByteVersion = 3;                     // 1 has no provenance, 2 no cuts
+constexpr std::uint32_t kByteVersion = 4;  // 1 has no provenance, 2 no cuts, 3 no layers
 
 constexpr std::array<std::uint64_t, 256> make_crc_table() {
     std::array<std::uint64_t, 256> table{};
@@ -203,6 +203,11 @@ void get_cuts(Reader& in, std::span<Cuts> all) {
         }
 }
 
+AovSet get_layers(Reader& in) {
+    const AovSet layers = in.version() < 4 ? 0 : in.get<AovSet>();
+    return AovLayout(layers).set();
+}
+
 void put_record(Writer& out, const AdaptiveState::Record& record) {
     out.put(record.floors);
     out.put(std::uint64_t(record.worth.size()));
@@ -231,20 +236,28 @@ std::vector<std::byte> ChunkFilm::to_bytes() const {
     put_work(out, work_);
     put_provenance(out, provenance_);
     put_cuts(out, {&cuts_, 1});
+    out.put(layout_.set());
     out.put_all(counts());
     out.put_all(sums());
+    out.put_all(aovs());
     return out.finish();
 }
 
 ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
     Reader in(bytes, kChunkMagic);
     const Plan plan = get_plan(in);
-    ChunkFilm part(plan, in.get<std::uint32_t>());
-    part.work_ = get_work(in);
-    part.provenance_ = get_provenance(in);
-    get_cuts(in, {&part.cuts_, 1});
+    const auto index = in.get<std::uint32_t>();
+    Work work = get_work(in);
+    Provenance provenance = get_provenance(in);
+    Cuts cuts{};
+    get_cuts(in, {&cuts, 1});
+    ChunkFilm part(plan, index, get_layers(in));
+    part.work_ = std::move(work);
+    part.provenance_ = std::move(provenance);
+    part.cuts_ = cuts;
     in.get_all(std::span<std::uint32_t>(part.counts_));
     in.get_all(std::span<double>(part.sums_));
+    in.get_all(std::span<double>(part.aovs_));
     in.end();
     const std::uint64_t expected = (part.chunk_.s1 - part.chunk_.s0) / std::uint64_t(plan.halves());
     for (const auto n : part.counts_)
@@ -259,9 +272,11 @@ std::vector<std::byte> Film::to_bytes() const {
     put_work(out, work_);
     put_provenance(out, provenance_);
     put_cuts(out, cuts_);
+    out.put(layout_.set());
     out.put_all(counts());
     out.put_all(std::span<const double>(sums_));
     out.put_all(first_counts());
+    out.put_all(std::span<const double>(aovs_));
     if (adaptive_) put_record(out, adaptive_->record());
     return out.finish();
 }
@@ -275,7 +290,8 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     std::vector<Cuts> cuts(std::size_t(plan.strips()));
     get_cuts(in, cuts);
     const std::size_t pixels = std::size_t(plan.width()) * std::size_t(plan.height());
-    const std::size_t size = pixels * bytes_per_pixel(plan.replicates(), plan.adaptive());
+    const AovSet layers = get_layers(in);
+    const std::size_t size = pixels * bytes_per_pixel(plan.replicates(), plan.adaptive(), layers);
     if (plan.adaptive() ? in.left() < size : in.left() != size) damaged("their length is wrong");
     Film film(plan);
     film.merged_ = merged != 0;
@@ -285,6 +301,8 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     in.get_all(std::span<std::uint32_t>(film.counts_));
     in.get_all(std::span<double>(film.sums_));
     in.get_all(std::span<std::uint32_t>(film.first_counts_));
+    film.set_layers(layers);
+    in.get_all(std::span<double>(film.aovs_));
     film.check_counts();
     if (film.merged_)
         film.adaptive_.reset();

@@ -39,6 +39,8 @@ class GuidedBsdf {
         return sample;
     }
 
+    LobeSplit split(Vec3f wo, Vec3f wi) const { return bsdf_.split(wo, wi); }
+
  private:
     static constexpr float kBelowOne = 1 - 0x1p-24F;
 

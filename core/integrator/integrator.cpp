@@ -34,6 +34,12 @@ PathResult PathIntegrator::sample(const SampleId& id, Counters& counters) const 
     return result;
 }
 
+AovResult PathIntegrator::sample_layers(const SampleId& id, Counters& counters) const {
+    AovResult result = sample_aovs(*scene_, settings_, id, counters);
+    if (result.cut != Cut::kNone && picked(id, settings_.seed)) follow(id, result, counters);
+    return result;
+}
+
 /// The same path without limits has the same numbers, so that it is the same up to where it was
 /// cut: what it brings more is what was cut off.
 void PathIntegrator::follow(const SampleId& id, PathResult& cut, Counters& counters) const {

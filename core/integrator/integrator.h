@@ -6,6 +6,7 @@
 #include "base/features.h"
 #include "base/guard.h"
 #include "base/spectrum.h"
+#include "film/aov.h"
 
 namespace matiere {
 
@@ -23,6 +24,7 @@ struct PathSettings {
     /// A path ends where its throughput, without what roulette put on it, falls below this.
     float threshold = 0;
     int kernel = -1;  ///< index in `kernels()`; -1: the smallest that covers the scene
+    AovSet aovs = 0;  ///< layers of the film beside its light
 };
 
 struct PathResult {
@@ -36,6 +38,11 @@ struct PathResult {
 /// One in so many cut paths is followed to its end.
 inline constexpr int kCutStride = 16;
 
+/// The same with what it says of the layers.
+struct AovResult : PathResult {
+    AovSample aovs;
+};
+
 /// Which sample of a film, beside the seed: a pixel of the whole film, and the index inside the
 /// replicate.
 struct SampleId {
@@ -46,6 +53,10 @@ struct SampleId {
 
 struct Kernel;
 
+/// One sample by the full kernel with code for layers: the light has the bits of any other kernel.
+AovResult sample_aovs(const Scene& scene, const PathSettings& settings, const SampleId& id,
+                      Counters& counters);
+
 class PathIntegrator {
  public:
     /// Throws SceneError where the settings name a kernel that lacks what the scene needs.
@@ -54,6 +65,8 @@ class PathIntegrator {
     /// One sample: a pure function of its arguments. Where it was cut, it may be followed to its
     /// end beside the image.
     PathResult sample(const SampleId& id, Counters& counters) const;
+    /// The same with what it says of the layers of `settings.aovs`.
+    AovResult sample_layers(const SampleId& id, Counters& counters) const;
     const Kernel& kernel() const { return *kernel_; }
 
  private:

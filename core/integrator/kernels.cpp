@@ -44,6 +44,7 @@ const Kernel& kernel_for(Features of_scene, const PathSettings& settings) {
                                            " lacks what this scene needs");
         return kernel;
     }
+    if (settings.aovs != 0) return kKernels.back();
     for (const Kernel& kernel : kKernels)
         if ((wanted & ~kernel.features) == 0) return kernel;
     return kKernels.back();

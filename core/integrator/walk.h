@@ -6,6 +6,7 @@
 #include <type_traits>
 
 #include "base/features.h"
+#include "integrator/aov_layers.h"
 #include "integrator/guided_bsdf.h"
 #include "integrator/integrator.h"
 #include "integrator/medium.h"
@@ -38,7 +39,8 @@ struct NoRecord {};
 template <Features F>
 class Walk {
  public:
-    using Record = std::conditional_t<has(F, kRecords), PathRecord*, NoRecord>;
+    using Record = std::conditional_t<has(F, kRecords), PathRecord*,
+                                      std::conditional_t<has(F, kCollects), AovLayers*, NoRecord>>;
 
     Walk(const Scene& scene, const PathSettings& settings, const Sampler& sampler,
          Counters& counters, Record record)
@@ -80,6 +82,8 @@ class Walk {
                 if (s.material >= 0 && scene_.materials()[s.material].has_interior &&
                     !cross(s, eta_rel))
                     continue;
+            if constexpr (kCollecting)
+                if (depth_ == 0) record_->meet(s.point, s.material, from_, ray_.direction);
             add_emission(s);
             if (s.material < 0) {
                 note_end("emitter");
@@ -95,6 +99,7 @@ class Walk {
     static constexpr bool kPasses = has(F, kNeedsPassing);
     static constexpr bool kScattering = has(F, kNeedsScattering);
     static constexpr bool kRecording = has(F, kRecords);
+    static constexpr bool kCollecting = has(F, kCollects);
     static constexpr bool kTextured = has(F, kNeedsTextures);
     using BsdfHere = BsdfFor<F & kKernelFeatures>;
 
@@ -190,11 +195,14 @@ class Walk {
         return power_heuristic(bsdf_pdf_, light_pdf);
     }
 
-    void add(const Spectrumf& value, int material) {
-        if (value.is_finite())
+    /// Light that arrives after `events` scattering events.
+    void add(const Spectrumf& value, int material, int events) {
+        if (value.is_finite()) {
             L_ += value;
-        else
+            if constexpr (kCollecting) record_->add(value, events);
+        } else {
             counters_.reject(Reject::kNonFiniteEmission, material);
+        }
     }
 
     void escape() {
@@ -212,7 +220,7 @@ class Walk {
         const float w = emission_weight(pdf);
         if (!(w > 0)) return;
         const Spectrumf arrived = beta_ * environment->radiance(ray_.direction) * w;
-        add(arrived, -1);
+        add(arrived, -1, depth_);
         if constexpr (kRecording)
             record_->background.push_back(
                 met(scene_.lights().environment_index(), ray_.direction, pdf, w, arrived));
@@ -221,7 +229,7 @@ class Walk {
     /// What the camera sees where no light comes from.
     void see_backdrop(const EnvironmentLight& backdrop) {
         const Spectrumf arrived = beta_ * backdrop.radiance(ray_.direction);
-        add(arrived, -1);
+        add(arrived, -1, 0);
         if constexpr (kRecording)
             record_->background.push_back(met(-1, ray_.direction, 0, 1, arrived));
     }
@@ -236,7 +244,7 @@ class Walk {
         const float w = emission_weight(pdf);
         if (!(w > 0)) return;
         const Spectrumf arrived = beta_ * radiance * w;
-        add(arrived, s.material);
+        add(arrived, s.material, depth_);
         if constexpr (kRecording)
             here().lights.push_back(met(s.light, ray_.direction, pdf, w, arrived));
     }
@@ -259,6 +267,8 @@ class Walk {
         }
         const Vec3f wo = -ray_.direction;
         const BsdfHere bsdf(scene_.materials(), s.material, s.point, wo, eta_rel);
+        if constexpr (kCollecting)
+            if (depth_ == 0) record_->shading_normal(bsdf.frame().n);
         if constexpr (has(F, kNeedsGuide)) {
             const GuidedBsdf guided_bsdf(bsdf, hidden_light(s, bsdf), s.point.p);
             if constexpr (kRecording) here().guided = hidden_light(s, bsdf) != nullptr;
@@ -279,6 +289,8 @@ class Walk {
             if ((sample->lobe & kNull) != 0) return pass(s);
         if (last) return note_end("max_depth");
         if constexpr (kRecording) depart(*sample);
+        if constexpr (kCollecting)
+            if (depth_ == 0) collect(bsdf, wo, *sample);
         beta_ *= sample->weight;
         ++depth_;
         specular_ = (sample->lobe & kSpecular) != 0;
@@ -301,6 +313,8 @@ class Walk {
     bool pass(const SurfaceHit& s) {
         ++passed_;
         if constexpr (kRecording) here().event = "pass";
+        if constexpr (kCollecting)
+            if (depth_ == 0) record_->pass();
         if constexpr (kInteriors)
             if (material(s).has_interior)
                 move_through(scene_, s, dot(s.point.n_g, ray_.direction) < 0, interior_, counters_);
@@ -337,7 +351,9 @@ class Walk {
         const Spectrumf contribution = beta_ * value.f * light.weight * w;
         if (contribution.is_black()) return;
         const Spectrumf arrived = contribution * shadow(s, light, wo);
-        add(arrived, s.material);
+        if constexpr (kCollecting)
+            if (depth_ == 0) record_->split(lobes_of(bsdf, wo, light.wi));
+        add(arrived, s.material, depth_ + 1);
         if constexpr (kRecording)
             here().lights.push_back({"light", light.light, light.wi, light.pdf, value.pdf, w,
                                      arrived, arrived.is_black()});
@@ -394,6 +410,26 @@ class Walk {
     bool note_end(std::string_view why) {
         if constexpr (kRecording) record_->end = why;
         return false;
+    }
+
+    // What the layers of a film are told by the kernel that collects them.
+
+    template <class B>
+    static LobeSplit lobes_of(const B& bsdf, Vec3f wo, Vec3f wi) {
+        if constexpr (requires { bsdf.split(wo, wi); })
+            return bsdf.split(wo, wi);
+        else
+            return {{}, true};  // scattered inside a medium
+    }
+
+    template <class B>
+    void collect(const B& bsdf, Vec3f wo, const BsdfSample<float>& sample) {
+        if constexpr (requires { bsdf.split(wo, wo); }) record_->scatter(sample);
+        const bool through = (sample.lobe & kTransmission) != 0;
+        if (through || (sample.lobe & kSpecular) != 0)
+            record_->split({{}, through});
+        else
+            record_->split(lobes_of(bsdf, wo, sample.wi));
     }
 
     void arrive(const SurfaceHit& s, float distance) {

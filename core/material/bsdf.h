@@ -36,6 +36,12 @@ struct BsdfSample {
     R eta{R(1)};          ///< transmitted over incident index of this event; 1 for a reflection
 };
 
+/// By which lobes scattered light comes: all by transmission, or by diffuse and other reflection.
+struct LobeSplit {
+    Spectrumf diffuse;  ///< share per lane; the rest is glossy or specular
+    bool transmission = false;
+};
+
 /// A sample of one lobe with the value and density of all lobes; nothing where those say so.
 template <class R>
 std::optional<BsdfSample<R>> finish(BsdfSample<R> s, const BsdfEval<R>& e) {

@@ -50,6 +50,7 @@ class AnyModelAt {
         return sample_model<float>(model(), wo, u);
     }
     std::uint8_t lobes() const { return model_lobes<float>(model()); }
+    Spectrumf diffuse(Vec3f wo, Vec3f wi) const { return model_diffuse<float>(model(), wo, wi); }
 
  private:
     const AnyModel<float>& model() const { return constant_ ? *constant_ : own_; }
@@ -159,6 +160,19 @@ class BsdfFor {
         auto s = sample_surface(wo, u, counters);
         if (s) s->pdf *= opacity();
         return s;
+    }
+
+    /// By which lobes light from `wi` comes to `wo`.
+    LobeSplit split(Vec3f wo, Vec3f wi) const {
+        LobeSplit found;
+        found.transmission = dot(wi, n_g_) < 0.0F;
+        if (found.transmission) return found;
+        const Vec3f local_o = frame_.to_local(wo), local_i = frame_.to_local(wi);
+        const Spectrumf all = model_.eval(local_o, local_i).f;
+        const Spectrumf diffuse = model_.diffuse(local_o, local_i);
+        for (int i = 0; i < kActiveLanes; ++i)
+            if (all[i] > 0.0F) found.diffuse[i] = std::clamp(diffuse[i] / all[i], 0.0F, 1.0F);
+        return found;
     }
 
     std::uint8_t lobes() const {

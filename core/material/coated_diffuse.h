@@ -86,6 +86,12 @@ struct CoatedDiffuse {
         return mixed(coat.eval(wo, wi), wo, E_o, wi);
     }
 
+    /// The body's part of f cos.
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const {
+        if (!has_body() || !(wo.z > R(0)) || !(wi.z > R(0))) return {};
+        return body * through(wo) * through(wi) * cosine_hemisphere_pdf(wi.z);
+    }
+
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
         if (!has_body()) return coat.sample(wo, u);
         const Spectrum<R> E_o = albedo(wo, coat.fresnel);

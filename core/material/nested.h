@@ -20,6 +20,8 @@ struct Nested {
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const;
     std::string_view name() const;
     std::uint8_t lobes() const;
+    /// The part of eval's f that diffuse lobes scatter.
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const;
     /// Share of light that goes straight through as if nothing were there, at every angle.
     R null_share() const;
     /// eval is an unbiased estimate and pdf a stand-in: a sample's weight is not eval / pdf.

@@ -461,6 +461,10 @@ std::uint8_t Nested<R>::lobes() const {
     return model_lobes<R>(box->model);
 }
 template <class R>
+Spectrum<R> Nested<R>::diffuse(Vec3<R> wo, Vec3<R> wi) const {
+    return model_diffuse<R>(box->model, wo, wi);
+}
+template <class R>
 R Nested<R>::null_share() const {
     return model_null_share<R>(box->model);
 }

@@ -116,6 +116,19 @@ std::uint8_t model_lobes(const AnyModel<R>& model) {
             return m.lobes();
     });
 }
+/// The part of f cos that diffuse lobes scatter back. A model with diffuse and other lobes says it
+/// by `diffuse`; of the others it is all or nothing.
+template <class R>
+Spectrum<R> model_diffuse(const AnyModel<R>& model, Vec3<R> wo, Vec3<R> wi) {
+    return visit_model(model, [&]<class M>(const M& m) -> Spectrum<R> {
+        if constexpr (requires { m.diffuse(wo, wi); })
+            return m.diffuse(wo, wi);
+        else if constexpr (std::same_as<M, std::monostate>)
+            return {};
+        else
+            return m.lobes() == (kDiffuse | kReflection) ? m.eval(wo, wi).f : Spectrum<R>();
+    });
+}
 /// Share of light that goes straight through.
 template <class R>
 R model_null_share(const AnyModel<R>& model) {

@@ -28,6 +28,7 @@ struct ChunkSource {
     std::uint64_t seed = 0;
     Features found = 0;
     std::uint32_t kernels = 0;
+    AovSet aovs = 0;
 };
 
 /// A cut path, and what was cut off where that is known. What is not finite would be counted as
@@ -40,14 +41,15 @@ inline void book(ChunkFilm& film, const PathResult& p) {
 }
 
 /// Renders one chunk in order: rows, pixels, samples. `sample(id, counters)` returns a
-/// PathResult and gets pixels of the whole film. Nothing comes back if the token was raised.
+/// PathResult, or an AovResult where layers are asked for, and gets pixels of the whole film.
+/// Nothing comes back if the token was raised.
 template <class SampleFn>
 std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index,
                                     const ChunkSource& source, const CancelToken& cancel,
                                     SampleFn&& sample) {
     const FlushDenormals float_mode;
     const double start = thread_cpu_seconds();
-    ChunkFilm film(plan, index);
+    ChunkFilm film(plan, index, source.aovs);
     const Chunk& chunk = film.chunk();
     const auto replicates = std::uint64_t(plan.replicates());
     Counters& counters = film.work().counters;
@@ -60,7 +62,9 @@ std::optional<ChunkFilm> fill_chunk(const Plan& plan, std::uint32_t index,
                 if (int(r) < chunk.r0 || int(r) >= chunk.r1) continue;
                 const SampleId id{source.origin.x + chunk.x0 + x, source.origin.y + chunk.y0 + y, r,
                                   s / replicates};
-                const PathResult p = sample(id, counters);
+                const auto made = sample(id, counters);
+                const PathResult& p = made;
+                if constexpr (requires { made.aovs; }) film.add_aovs(x, y, s, made.aovs);
                 film.provenance().outliers.offer(
                     {source.seed, id.index, id.replicate, id.x, id.y, {p.L[0], p.L[1], p.L[2]}});
                 if (p.cut != Cut::kNone) book(film, p);

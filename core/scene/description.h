@@ -110,6 +110,7 @@ struct RenderDescription {
     std::optional<EnvironmentDescription> environment;
     std::vector<PortalDescription> portals;
     std::optional<EnvironmentDescription> backdrop;  ///< seen instead of the environment
+    bool keep_uv = false;    ///< also where no material reads them: the film has a layer of them
     bool light_tree = true;  ///< false: lights are chosen by power alone (tests, benchmarks)
 };
 

@@ -98,6 +98,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
         shadows_walk_ |= (*materials_)[i].passes;
     }
     shadows_walk_ |= interiors > 1;
+    keep_uv_ = description.keep_uv;
     for (int i = 0; i < textures_.size(); ++i) {
         prefilters_ |= textures_[i].levels() > 1;
         second_uv_ |= textures_[i].uv_set() == 1;
@@ -138,7 +139,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
 void Scene::add_meshes(std::vector<MeshDescription>&& meshes) {
     for (auto& m : meshes) {
         check_mesh(m, materials_->size());
-        if (!reads_uv(*materials_, m.material)) m.uv = m.uv1 = {};
+        if (!keep_uv_ && !reads_uv(*materials_, m.material)) m.uv = m.uv1 = {};
         if (!second_uv_) m.uv1 = {};
         meshes_.push_back(make_mesh(std::move(m)));
     }

@@ -85,7 +85,7 @@ class Scene {
     EmbreeScene accel_;
     InteriorStack camera_interior_;
     PhotonGuide caustics_;
-    bool shadows_walk_ = false, prefilters_ = false, second_uv_ = false;
+    bool shadows_walk_ = false, prefilters_ = false, second_uv_ = false, keep_uv_ = false;
     Features features_ = 0;
     SceneStats stats_;
 };

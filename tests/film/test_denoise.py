@@ -21,9 +21,12 @@ def fake(monkeypatch: pytest.MonkeyPatch) -> Iterator[list[np.ndarray]]:
     """Stand in for Open Image Denoise: a box filter, which keeps what it was given."""
     seen: list[np.ndarray] = []
 
-    def denoise(color: np.ndarray, *, hdr: bool) -> np.ndarray:
-        assert hdr and color.dtype == np.float32 and color.flags.c_contiguous
-        seen.append(color)
+    def denoise(color: np.ndarray, *guides: np.ndarray, hdr: bool) -> np.ndarray:
+        for image in (color, *guides):
+            assert image.dtype == np.float32 and image.flags.c_contiguous
+            assert image.shape == color.shape
+        assert hdr
+        seen.extend((color, *guides))
         return np.full_like(color, color.mean())
 
     monkeypatch.setitem(sys.modules, "pyoidn", SimpleNamespace(denoise=denoise))
@@ -48,6 +51,22 @@ def write_scene(folder: Path) -> Path:
     place = folder / "scene.json"
     place.write_text(json.dumps(scenes(16)["diffuse"]))
     return place
+
+
+@pytest.mark.parametrize(
+    ("aovs", "used"),
+    [(["albedo", "normal"], 2), (["albedo"], 1), (["normal"], 0), (["depth"], 0)],
+)
+def test_layers_of_a_film_go_in_beside_it(
+    fake: list[np.ndarray], aovs: list[str], used: int
+) -> None:
+    document = scenes(16)["diffuse"]
+    document["film"] = {**document["film"], "aovs": aovs}
+    film = mt.render(mt.load(document), spp=4)
+    mt.denoise(film)
+    assert len(fake) == 1 + used
+    for guide, name in zip(fake[1:], ("albedo", "normal"), strict=False):
+        np.testing.assert_array_equal(guide, film.aov(name).astype(np.float32))
 
 
 def test_a_film_goes_in_as_linear_light_and_alpha_is_kept(fake: list[np.ndarray]) -> None:

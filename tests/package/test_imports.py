@@ -59,6 +59,44 @@ def test_rendering_a_scene_without_files_needs_no_file_library() -> None:
     assert not loaded.intersection(("trimesh", "OpenImageIO", "PyOpenColorIO", *SERVICE))
 
 
+WRITE = (
+    "import json, os, tempfile, matiere as mt\n"
+    f"scene = mt.load(json.loads('''{json.dumps(SCENE)}'''))\n"
+    "film = mt.render(scene, spp=4, threads=1)\n"
+    "place = os.path.join(tempfile.mkdtemp(), 'a')\n"
+)
+
+
+def test_writing_a_film_as_exr_needs_no_colour_management() -> None:
+    loaded = loaded_after(WRITE + "mt.write_image(place + '.exr', film)")
+    assert "OpenImageIO" in loaded and "PyOpenColorIO" not in loaded
+
+
+def test_a_view_is_what_colour_management_is_for() -> None:
+    assert "PyOpenColorIO" in loaded_after(WRITE + "mt.write_image(place + '.png', film)")
+
+
+PEAK = (
+    "\nprint(int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]))"
+    "\nimport OpenImageIO, PyOpenColorIO"
+    "\nprint(int(open('/proc/self/status').read().split('VmHWM:')[1].split()[0]))"
+)
+
+
+def test_the_memory_of_a_render_is_without_the_file_libraries() -> None:
+    """Loading them afterwards raises the peak: until then the process did without."""
+    code = (
+        f"import json, matiere as mt\nscene = mt.load(json.loads('''{json.dumps(SCENE)}'''))\n"
+        "mt.render(scene, spp=4, threads=1)"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code + PEAK], capture_output=True, text=True, timeout=120, check=True
+    )
+    without, with_them = (int(line) * 1024 for line in done.stdout.split())
+    assert with_them - without > 16 * 2**20, (without, with_them)
+    assert without < 128 * 2**20, without
+
+
 def test_writing_an_array_needs_no_colour_management() -> None:
     code = (
         "import numpy as np, tempfile, os, matiere as mt\n"

@@ -114,21 +114,21 @@ def crc64(data: bytes) -> int:
     return crc ^ (2**64 - 1)
 
 
-@pytest.mark.parametrize("older", [1, 2])
+@pytest.mark.parametrize("older", [1, 2, 3])
 def test_bytes_of_older_versions_are_still_read(older: int) -> None:
-    """1 lacks the provenance, which stood after counters and rejections; both lack the cuts."""
+    """1 lacks the provenance, which stood after counters and rejections; 2 the cuts; 3 layers."""
     film = mt.render(scene(4, "interior"), spp=4).core
     data = film.to_bytes()
     version, rows = struct.unpack_from("<I", data, 8)[0], 8 + 4 + 16 + 4 + 16 + 6 * 8
-    assert version >= 3
+    assert version >= 4
     begin = rows + 8 + 48 * struct.unpack_from("<Q", data, rows)[0]
     cuts = begin + 12 + 40 * len(film.provenance["outliers"])
-    end = cuts + 2 * 64 * film.plan.strips
-    kept = begin if older == 1 else cuts
-    old = data[:8] + struct.pack("<I", older) + data[12:kept] + data[end:-8]
+    layers = cuts + 2 * 64 * film.plan.strips
+    kept = {1: begin, 2: cuts, 3: layers}[older]
+    old = data[:8] + struct.pack("<I", older) + data[12:kept] + data[layers + 4 : -8]
     read = _core.Film.from_bytes(old + struct.pack("<Q", crc64(old)))
     assert np.array_equal(read.sums, film.sums)
-    assert read.cut_energy("max_depth")["paths"] == 0
+    assert read.cut_energy("max_depth")["paths"] == 0 and read.aovs == []
     if older == 1:
         assert read.provenance == {"kernels": [], "found": [], "left_out": [], "outliers": []}
 

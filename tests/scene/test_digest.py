@@ -63,6 +63,7 @@ CHANGES_PIXELS: dict[str, Change] = {
     "filter": lambda s: s["film"].update(filter="gaussian"),
     "filter radius": lambda s: s["film"].update(filter_radius=1.25),
     "crop": lambda s: s["film"].update(crop=[0, 0, 8, 9]),
+    "aovs": lambda s: s["film"].update(aovs=["albedo"]),
     "seed": lambda s: s["render"].update(seed=2),
     "max_depth": lambda s: s["render"].update(max_depth=6),
     "threshold": lambda s: s["render"].update(threshold=0.01),

@@ -223,6 +223,8 @@ def _read_profiles(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
 
 def _add_film_and_camera(model: SceneModel, center: Vector, work: _Work) -> None:
     film, camera = model.film, model.camera
+    if "uv" in film.aovs:
+        work.description.keep_uv = True
     work.description.set_film(film.width, film.height, film.filter, film.radius, film.crop)
     origin, target, up = camera.placement
     work.description.set_camera(

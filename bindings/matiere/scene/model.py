@@ -7,7 +7,7 @@ or [r, g, b]. Every node refuses unknown keys, and nothing here reads a file.
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, PlainValidator, WithJsonSchema
 
@@ -42,8 +42,16 @@ Crop = Annotated[
 ]
 
 
+Aov = Literal[
+    "albedo", "normal", "depth", "position", "uv", "material_id", "emission", "direct", "indirect",
+    "diffuse", "specular", "transmission", "standard_error", "sample_count",
+]  # fmt: skip
+AOVS: tuple[str, ...] = get_args(Aov)
+MADE_AOVS = ("standard_error", "sample_count")  # made of the film itself, always at hand
+
+
 class Film(Node):
-    """Size of the image and the filter that makes pixels of samples."""
+    """Size of the image, the filter that makes pixels of samples, and layers beside the light."""
 
     width: int = Field(256, ge=1, description="pixels")
     height: int = Field(256, ge=1, description="pixels")
@@ -59,7 +67,15 @@ class Film(Node):
         description="render only the pixels x0 <= x < x1, y0 <= y < y1 of [x0, y0, x1, y1]",
     )
 
+    aovs: list[Aov] = Field(
+        default_factory=list,
+        description="layers beside the light, for EXR and `film.aov(name)`: " + ", ".join(AOVS),
+    )
+
     def problems(self) -> Iterable[Line]:
+        for index, name in enumerate(self.aovs):
+            if name in self.aovs[:index]:
+                yield ("aovs", index), fault("exclusive_keys", f"{name!r} is there already")
         if self.width * self.height > MAX_PIXELS or max(self.width, self.height) > MAX_EDGE:
             yield (
                 (),

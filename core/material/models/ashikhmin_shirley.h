@@ -134,6 +134,9 @@ struct AshikhminShirley {
 
     bool is_anisotropic() const { return anisotropic; }
     std::uint8_t lobes() const { return layers.lobes(); }
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const {
+        return layers.diffuse(rotation.to_tangent(wo), rotation.to_tangent(wi));
+    }
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
         return layers.eval(rotation.to_tangent(wo), rotation.to_tangent(wi));
     }

@@ -119,6 +119,13 @@ struct Layered {
         return std::uint8_t((blurs ? below & ~kSpecular : below) | kGlossy | kReflection);
     }
 
+    /// All that a base with a diffuse lobe scatters, through the coat and within it.
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const {
+        if ((base.lobes() & kDiffuse) == 0) return {};
+        const Spectrum<R> below = eval(wo, wi).f - coat.lobe.eval(wo, wi).f;
+        return below.map([](R x) { return x > R(0) ? x : R(0); });
+    }
+
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
         if (method == LayerMethod::kWalk) return CoatWalk<R>(coat, base).eval(wo, wi);
         if (!(wo.z > R(0)) || !(wi.z > R(0))) return {};

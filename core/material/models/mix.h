@@ -45,6 +45,13 @@ struct Mix {
     R null_share() const { return (R(1) - weight) * a.null_share() + weight * b.null_share(); }
     bool is_stochastic() const { return a.is_stochastic() || b.is_stochastic(); }
 
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const {
+        Spectrum<R> sum;
+        if (has_a()) sum += a.diffuse(wo, wi) * (R(1) - weight);
+        if (has_b()) sum += b.diffuse(wo, wi) * weight;
+        return sum;
+    }
+
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const {
         BsdfEval<R> sum;
         if (has_a()) add(sum, R(1) - weight, a.eval(wo, wi));

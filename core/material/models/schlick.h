@@ -128,6 +128,16 @@ struct Schlick {
         return eval(wo, wi, half, choices(wo));
     }
 
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const {
+        if (!(wo.z > R(0)) || !(wi.z > R(0))) return {};
+        const auto half = HalfVector<R>::between(wo, wi);
+        if (!(half.oh > R(0))) return {};
+        Spectrum<R> f = top.fresnel(half.oh, half.versed) * top.diffuse;
+        if (two)
+            f += through(wo, wi, half.versed) * base.fresnel(half.oh, half.versed) * base.diffuse;
+        return f * cosine_hemisphere_pdf(wi.z);
+    }
+
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
         const Choices p = choices(wo);
         if (u.x < p.mirror) return sample_mirror(wo, p.mirror);

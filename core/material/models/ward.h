@@ -152,6 +152,7 @@ struct Ward {
 
     bool is_anisotropic() const { return anisotropic; }
     std::uint8_t lobes() const { return layers.lobes(); }
+    Spectrum<R> diffuse(Vec3<R> wo, Vec3<R> wi) const { return layers.diffuse(wo, wi); }
     BsdfEval<R> eval(Vec3<R> wo, Vec3<R> wi) const { return layers.eval(wo, wi); }
     std::optional<BsdfSample<R>> sample(Vec3<R> wo, Vec3<R> u) const {
         return layers.sample(wo, u);
