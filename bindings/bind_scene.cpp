@@ -170,11 +170,9 @@ void add_profile_light(RenderDescription& d, const Triple& position, const Tripl
     d.lights.emplace_back(std::move(light));
 }
 
-void bind_description(py::module_& m) {
-    py::class_<RenderDescription>(m, "RenderDescription",
-                                  "Plain data of a scene: names resolved, files read, metres, "
-                                  "linear Rec.709, recentred before it is rounded to float.")
-        .def(py::init<>())
+void bind_view(py::class_<RenderDescription>& description) {
+    description.def_readwrite("light_tree", &RenderDescription::light_tree)
+        .def_readwrite("keep_uv", &RenderDescription::keep_uv)
         .def("set_film", &set_film, py::arg("width"), py::arg("height"),
              py::arg("filter") = "gaussian", py::arg("filter_radius") = 0.0F,
              py::arg("crop") = py::none())
@@ -182,7 +180,15 @@ void bind_description(py::module_& m) {
              py::arg("up"), py::arg("vfov_deg") = 40.0, py::kw_only(), py::arg("height") = 2.0,
              py::arg("aperture_radius") = 0.0, py::arg("focus_distance") = 1.0,
              py::arg("blades") = 0, py::arg("blade_rotation_deg") = 0.0,
-             py::arg("aperture_ratio") = 1.0)
+             py::arg("aperture_ratio") = 1.0);
+}
+
+void bind_description(py::module_& m) {
+    py::class_<RenderDescription> description(
+        m, "RenderDescription",
+        "Plain data of a scene: names resolved, files read, metres, "
+        "linear Rec.709, recentred before it is rounded to float.");
+    description.def(py::init<>())
         .def("add_texture", &add_texture, py::arg("pixels"), py::arg("wrap") = "repeat",
              py::kw_only(), py::arg("filter") = "bilinear", py::arg("srgb") = false,
              py::arg("uv_set") = 0, py::arg("transform") = std::array<float, 6>{1, 0, 0, 1, 0, 0},
@@ -247,9 +253,8 @@ void bind_description(py::module_& m) {
              py::arg("scale") = 1.0)
         .def("set_backdrop", &set_backdrop, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
-        .def_readwrite("light_tree", &RenderDescription::light_tree)
-        .def_readwrite("keep_uv", &RenderDescription::keep_uv)
         .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
+    bind_view(description);
 }
 
 py::dict stats_dict(const Scene& scene) {
