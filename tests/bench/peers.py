@@ -37,6 +37,7 @@ from peers_venv import find_llvm, peers_python, say  # noqa: E402
 
 RENDERERS = {  # name -> worker, variant
     "matiere": ("matiere", ""),
+    "matiere-plain": ("matiere", "1"),  # one replicate: no error bar, as the peers
     "mitsuba-scalar": ("mitsuba", "scalar_rgb"),
     "mitsuba-llvm": ("mitsuba", "llvm_ad_rgb"),
     "luxcore": ("luxcore", ""),
@@ -50,8 +51,10 @@ SAME_MODEL = {  # scene -> peers whose models are matiere's, so that means must 
     "mesh": ("mitsuba-scalar", "mitsuba-llvm", "luxcore", "cycles"),
     "lamps": ("mitsuba-scalar", "mitsuba-llvm", "luxcore", "cycles"),
 }
+PEERS = tuple(name for name in RENDERERS if not name.startswith("matiere"))
 TRIM = 0.001  # share of the pixels, the worst ones, that is left out
 FLOOR = 0.01  # of the squared mean, added to the squared pixel of the reference
+CLOCK = 0.01  # seconds: the coarsest clock, that of Cycles; a shorter render is no measurement
 REFERENCE_SEEDS = (900_001, 900_002)
 FIRST_SEED = 1001
 
@@ -170,7 +173,7 @@ def mean_and_error(halves: tuple[Image, Image]) -> tuple[float, float]:
 def cell_folder(name: str, text: str, version: str, args: argparse.Namespace) -> Path:
     """Return the folder of a cell's pictures: another scene, setting or engine has another."""
     settings = [text, name, version, args.threads]
-    if name == "matiere":
+    if RENDERERS[name][0] == "matiere":
         from matiere import _core
 
         settings.append(hashlib.sha256(Path(_core.__file__).read_bytes()).hexdigest())
@@ -201,7 +204,8 @@ def summary(runs: list[tuple[Image, Row]], halves: tuple[Image, Image], size: in
     """Return the medians over the runs of a cell, and its converged mean."""
     rows = []
     for image, facts in runs:
-        relmse, seconds = trimmed_relmse(image, halves), facts["seconds"]
+        relmse = trimmed_relmse(image, halves)
+        seconds = max(facts["seconds"], CLOCK)
         rate = facts["spp"] * size**2 / seconds / 1e6
         rows.append(
             {
@@ -274,7 +278,7 @@ def measure(name: str, args: argparse.Namespace, missing: dict[str, str]) -> dic
 def agreement(scene: str, renderer: str, cells: dict[str, Row]) -> str:
     """Return how far a peer's converged mean is from matiere's, in percent and standard errors."""
     ours, theirs = cells.get("matiere", {}), cells[renderer]
-    if renderer == "matiere" or "mean" not in ours:
+    if renderer not in PEERS or "mean" not in ours:
         return ""
     apart = theirs["mean"] - ours["mean"]
     text = f"{100 * apart / ours['mean']:+.2f} %"
@@ -287,7 +291,7 @@ def agreement(scene: str, renderer: str, cells: dict[str, Row]) -> str:
 
 def table_rows(scene: str, cells: dict[str, Row]) -> Iterator[str]:
     """Yield the lines of a scene in the table; the ratio is to the best peer."""
-    peers = [c["efficiency"] for n, c in cells.items() if n != "matiere" and "efficiency" in c]
+    peers = [c["efficiency"] for n, c in cells.items() if n in PEERS and "efficiency" in c]
     best = max(peers, default=None)
     for renderer, c in cells.items():
         if "not_run" in c:
@@ -335,7 +339,7 @@ def arguments() -> argparse.Namespace:
     parser.add_argument("--runs", type=int, default=5)
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--scenes", default=names(neutral.SCENES))
-    parser.add_argument("--renderers", default=names(RENDERERS))
+    parser.add_argument("--renderers", default=names(["matiere", *PEERS]))
     parser.add_argument("--reference-spp", type=int, default=2048, help="of both halves together")
     parser.add_argument(
         "--reference-seconds", type=float, default=40, help="halve a reference until it fits"
@@ -359,7 +363,7 @@ def main() -> None:
     """Measure the scenes and print the table."""
     args = arguments()
     missing: dict[str, str] = {}
-    if args.renderers != ["matiere"]:
+    if set(args.renderers) & set(PEERS):
         args.python, missing = peers_python(args.python, ROOT / "prove-out" / "peers-venv")
     args.llvm = find_llvm()
     if args.llvm is None:

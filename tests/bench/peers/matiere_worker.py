@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import sys
 from typing import Any
 
 import numpy as np
@@ -35,7 +36,10 @@ def document(scene: Neutral) -> dict[str, Any]:
 
 def build(neutral: Neutral, threads: int) -> tuple[Render, str]:
     """Build the scene; seconds are the film's own wall clock of the pass loop."""
-    scene = mt.load(document(neutral))
+    told = document(neutral)
+    if len(sys.argv) > 4:
+        told["render"]["replicates"] = int(sys.argv[4])
+    scene = mt.load(told)
     scene.build(threads)
 
     def render(spp: int, seed: int) -> tuple[Image, dict[str, Any]]:
@@ -46,6 +50,7 @@ def build(neutral: Neutral, threads: int) -> tuple[Render, str]:
             "spp": film.spp,
             "rays": int(report["rays"]),
             "kernel": report["kernel"]["name"],
+            "replicates": film.replicates,
             "claimed_relmse": report["error"]["relmse"],
         }
         return np.asarray(film.mean, np.float32), facts

@@ -67,20 +67,12 @@ def shape(
     return mesh
 
 
-def lamp(light: dict[str, Any]) -> dict[str, Any]:
-    """Return a rectangle light."""
-    corners, _ = rectangle(light)
-    u, v = (corners[1] - corners[0]) / 2, (corners[3] - corners[0]) / 2
-    frame = np.eye(4)
-    normal = np.cross(u, v)
-    frame[:3] = np.array([u, v, normal / np.linalg.norm(normal), corners.mean(axis=0)]).T
+def lamp(light: dict[str, Any]) -> Any:
+    """Return a rectangle light: two black triangles that emit."""
     radiance = list(np.broadcast_to(light["radiance"], 3))
-    return {
-        "type": "rectangle",
-        "to_world": mi.ScalarTransform4f(frame),
-        "bsdf": {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}},
-        "emitter": {"type": "area", "radiance": {"type": "rgb", "value": radiance}},
-    }
+    black = {"type": "diffuse", "reflectance": {"type": "rgb", "value": 0.0}}
+    emitter = {"type": "area", "radiance": {"type": "rgb", "value": radiance}}
+    return shape(*rectangle(light), None, {"bsdf": black, "emitter": emitter})
 
 
 def world(scene: Neutral) -> dict[str, Any]:
