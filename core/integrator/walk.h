@@ -237,7 +237,8 @@ class Walk {
     void add_emission(const SurfaceHit& s) {
         if (s.light < 0) return;
         const bool front = dot(s.point.n_g, ray_.direction) < 0;
-        const Spectrumf radiance = scene_.lights().emitted(s.light, s.point.texture_point(), front);
+        const TexturePoint at = kReadsUv<F> ? s.point.texture_point() : TexturePoint{};
+        const Spectrumf radiance = scene_.lights().emitted(s.light, at, front);
         if (radiance.is_black()) return;
         const LightHit hit{s.light, s.primitive, s.point.p, s.point.n_g};
         const float pdf = specular_ ? 0 : scene_.lights().pdf(from_, hit);
@@ -379,12 +380,14 @@ class Walk {
     /// glass, whose radiance is scaled by 1/eta^2 until it leaves, does not die early.
     bool survive(float u) {
         if (beta_.is_black()) return note_end("black");
+        const bool young = depth_ < kRouletteDepth;
+        if (young && settings_.threshold <= 0) return true;
         float q = beta_.max_value() * eta_scale_;
         if (q * kept_ < settings_.threshold) {
             cut_ = Cut::kThreshold;
             return note_end("threshold");
         }
-        if (depth_ < kRouletteDepth) return true;
+        if (young) return true;
         if constexpr (kScattering) q /= event_limit(inside_events_);
         if (q >= 1) return true;
         if constexpr (kRecording) here().survival = q;
