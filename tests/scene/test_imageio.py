@@ -20,6 +20,8 @@ from matiere.imageio import Stored, quantise, read_color, srgb_to_linear, write_
 class FakeFilm:
     """What write_image needs of a film."""
 
+    aovs: tuple[str, ...] = ()
+
     def __init__(self, transparent: bool = False) -> None:
         rng = np.random.default_rng(1)
         self.mean = rng.random((5, 7, 3)) * 4
