@@ -41,14 +41,10 @@ def load_oiio() -> Any:
     return OpenImageIO
 
 
-def read_image(path: str | os.PathLike[str]) -> Decoded:
-    """Read an image file as stored, without any colour conversion.
-
-    Returns float32 pixels; 8- and 16-bit whole numbers become [0, 1], half and float stay. Alpha is
-    left as it is in the file. Raises ImageError with the reason if the file cannot be decoded.
-    """
+@contextmanager
+def _opened(name: str) -> Iterator[Any]:
+    """Open an image that is not too large to read."""
     oiio = load_oiio()
-    name = os.fspath(path)
     config = oiio.ImageSpec()
     config.attribute("oiio:UnassociatedAlpha", 1)
     source = oiio.ImageInput.open(name, config)
@@ -56,11 +52,24 @@ def read_image(path: str | os.PathLike[str]) -> Decoded:
         raise ImageError(_reason(f"cannot read the image {name!r}", oiio.geterror()))
     try:
         spec = source.spec()
-        values = spec.width * spec.height * spec.depth * spec.nchannels
-        if values > MAX_READ_VALUES:
+        if spec.width * spec.height * spec.depth * spec.nchannels > MAX_READ_VALUES:
             size = f"{spec.width} x {spec.height} pixels with {spec.nchannels} channels"
             raise ImageError(f"the image {name!r} is too large ({size})")
-        raw = source.read_image(0, 0, 0, spec.nchannels, oiio.FLOAT)
+        yield source
+    finally:
+        source.close()
+
+
+def read_image(path: str | os.PathLike[str]) -> Decoded:
+    """Read an image file as stored, without any colour conversion.
+
+    Returns float32 pixels; 8- and 16-bit whole numbers become [0, 1], half and float stay. Alpha is
+    left as it is in the file. Raises ImageError with the reason if the file cannot be decoded.
+    """
+    name = os.fspath(path)
+    with _opened(name) as source:
+        spec = source.spec()
+        raw = source.read_image(0, 0, 0, spec.nchannels, "float")
         if raw is None:
             raise ImageError(_reason(f"cannot decode the image {name!r}", source.geterror()))
         array = np.ascontiguousarray(raw, np.float32)
@@ -70,8 +79,6 @@ def read_image(path: str | os.PathLike[str]) -> Decoded:
             str(spec.format) in _INTEGER_KINDS,
             {item.name: item.value for item in spec.extra_attribs},
         )
-    finally:
-        source.close()
 
 
 class ColorImage(NamedTuple):
@@ -114,18 +121,9 @@ def read_texture(path: str | os.PathLike[str], channel: str | None = None) -> Te
     bit, half and float become float. Raises ImageError if the file cannot be decoded or lacks the
     channel.
     """
-    oiio = load_oiio()
     name = os.fspath(path)
-    config = oiio.ImageSpec()
-    config.attribute("oiio:UnassociatedAlpha", 1)
-    source = oiio.ImageInput.open(name, config)
-    if source is None:
-        raise ImageError(_reason(f"cannot read the image {name!r}", oiio.geterror()))
-    try:
+    with _opened(name) as source:
         spec = source.spec()
-        if spec.width * spec.height * spec.depth * spec.nchannels > MAX_READ_VALUES:
-            size = f"{spec.width} x {spec.height} pixels with {spec.nchannels} channels"
-            raise ImageError(f"the image {name!r} is too large ({size})")
         wanted = _wanted(list(spec.channelnames), channel, name)
         kind = str(spec.format) if str(spec.format) in _KEPT else "float"
         first, last = min(wanted), max(wanted) + 1
@@ -139,8 +137,6 @@ def read_texture(path: str | os.PathLike[str], channel: str | None = None) -> Te
         colours = tuple(map(float, said)) if said is not None and len(said) == 8 else None
         integer = str(spec.format) in _INTEGER_KINDS
         return TextureImage(np.ascontiguousarray(array), integer, colours)
-    finally:
-        source.close()
 
 
 def _wanted(names: list[str], channel: str | None, file: str) -> list[int]:

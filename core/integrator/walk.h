@@ -216,10 +216,11 @@ class Walk {
             if (scene_.backdrop() != nullptr) return see_backdrop(*scene_.backdrop());
         }
         if (environment == nullptr) return;
-        const float pdf = specular_ ? 0 : scene_.lights().pdf_environment(from_, ray_.direction);
+        const auto seen = scene_.lights().see_environment(from_, ray_.direction);
+        const float pdf = specular_ ? 0 : seen.pdf;
         const float w = emission_weight(pdf);
         if (!(w > 0)) return;
-        const Spectrumf arrived = beta_ * environment->radiance(ray_.direction) * w;
+        const Spectrumf arrived = beta_ * seen.radiance * w;
         add(arrived, -1, depth_);
         if constexpr (kRecording)
             record_->background.push_back(
@@ -492,9 +493,10 @@ PathResult trace_path(const Scene& scene, const PathSettings& settings, const Sa
                       Counters& counters, typename Walk<F>::Record record) {
     const Sampler sampler(settings.seed, id.replicate, id.x, id.y, id.index);
     const SampleBlock u = sampler.block(0, Purpose::kFilm);
-    const Vec2f offset = scene.film().filter.sample(u.uniform2(0));
-    const CameraRay ray = scene.camera().ray(
-        {float(id.x) + 0.5F + offset.x, float(id.y) + 0.5F + offset.y}, u.uniform2(2));
+    const Vec2f offset = scene.film().filter.sample(u.uniform2(1));
+    const CameraRay ray =
+        scene.camera().ray({float(id.x) + 0.5F + offset.x, float(id.y) + 0.5F + offset.y},
+                           {u.uniform(0), u.uniform(3)});
     ++counters.samples;
     if (!ray.sees) return {Spectrumf(), 0};
     if constexpr (has(F, kRecords)) {

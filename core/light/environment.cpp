@@ -151,9 +151,14 @@ std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(Vec3f reference
     return s;
 }
 
-float EnvironmentLight::map_pdf(Vec3f direction) const {
-    if (rows_.empty()) return 0;
+EnvironmentLight::Seen EnvironmentLight::see(Vec3f reference, Vec3f direction) const {
+    if (is_constant() || !portals_.empty()) return {radiance(direction), pdf(reference, direction)};
     const Texel t = to_texel(direction);
+    return {lookup(t), map_pdf(t)};
+}
+
+float EnvironmentLight::map_pdf(Texel t) const {
+    if (rows_.empty()) return 0;
     const auto x = std::size_t(std::min(int(t.u), width_ - 1)),
                y = std::size_t(std::min(int(t.v), height_ - 1));
     if (columns_[y].empty()) return 0;
@@ -172,13 +177,15 @@ std::optional<EnvironmentLight::Sample> EnvironmentLight::sample_map(const Sampl
     // sin from theta's distance to the nearer pole, not from 1 - cos^2.
     const double one_minus = 1 - std::abs(c0 + row.remainder * (c1 - c0));
     const auto sin_theta = float(std::sqrt(std::max(0.0, one_minus * (2 - one_minus))));
-    const float phi =
-        kTwoPi<float> * ((float(column.index) + float(column.remainder)) / float(width_) - 0.5F);
+    const float u_texel = float(column.index) + float(column.remainder);
+    const Vec3f wi =
+        from_angles(sin_theta, cos_theta, kTwoPi<float> * (u_texel / float(width_) - 0.5F));
+    const float theta = std::atan2(sin_theta, cos_theta);
+    const Texel at{u_texel, theta * kInvPi<float> * float(height_)};
 
-    const Vec3f wi = from_angles(sin_theta, cos_theta, phi);
     const double solid_angle = (c0 - c1) * 2 * kPi<double> / double(width_);
     const auto pdf = float(double(row.probability) * double(column.probability) / solid_angle);
-    return Sample{wi, radiance(wi), pdf};
+    return Sample{wi, lookup(at), pdf};
 }
 
 }  // namespace matiere

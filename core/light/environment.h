@@ -31,6 +31,12 @@ class EnvironmentLight {
     /// Density of `sample`, per solid angle; 0 where the map does not exceed its mean, and from a
     /// point that faces portals, beside them.
     float pdf(Vec3f reference, Vec3f direction) const;
+    struct Seen {
+        Spectrumf radiance;
+        float pdf;  ///< per solid angle
+    };
+    /// Both of the above.
+    Seen see(Vec3f reference, Vec3f direction) const;
     /// Nothing where the map is even, or what was picked lies beside all portals that are faced.
     std::optional<Sample> sample(Vec3f reference, const SampleBlock& u) const;
     /// Power over pi of the light that sampling is for, through a scene of this radius squared.
@@ -39,14 +45,17 @@ class EnvironmentLight {
     std::size_t bytes() const;
 
  private:
-    float map_pdf(Vec3f direction) const;
+    struct Texel {
+        float u, v;  ///< continuous coordinates in [0, width) x [0, height]
+    };
+    float map_pdf(Texel t) const;
+    float map_pdf(Vec3f direction) const {
+        return rows_.empty() ? 0 : map_pdf(to_texel(direction));
+    }
     std::optional<Sample> sample_map(const SampleBlock& u) const;
     /// How often a direction is picked through a portal rather than by the map.
     float portal_share(Vec3f reference) const;
 
-    struct Texel {
-        float u, v;  ///< continuous coordinates in [0, width) x [0, height]
-    };
     Texel to_texel(Vec3f direction) const;
     Vec3f from_angles(float sin_theta, float cos_theta, float phi) const;
     Spectrumf pixel(int x, int y) const;

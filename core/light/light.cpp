@@ -280,10 +280,10 @@ Spectrumf LightSet::emitted(int light, const TexturePoint& at, bool front) const
         lights_[std::size_t(light)]);
 }
 
-float LightSet::pdf_environment(Vec3f reference, Vec3f direction) const {
-    if (environment_index_ < 0 || choice_.empty()) return 0;
-    return environment_->pdf(reference, direction) *
-           choice_.probability(place_[std::size_t(environment_index_)]);
+EnvironmentLight::Seen LightSet::see_environment(Vec3f reference, Vec3f direction) const {
+    auto seen = environment_->see(reference, direction);
+    seen.pdf *= choice_.empty() ? 0 : choice_.probability(place_[std::size_t(environment_index_)]);
+    return seen;
 }
 
 }  // namespace matiere

@@ -138,9 +138,10 @@ class LightSet {
         const RectangleLight& l = *std::get_if<RectangleLight>(lights_.data());
         return shape_sample(reference, l.shape.sample(reference, u), l.radiance, false);
     }
-    /// Density with which `sample` finds the point of a light, or a direction of the environment.
+    /// Density with which `sample` finds the point of a light.
     float pdf(Vec3f reference, const LightHit& hit) const;
-    float pdf_environment(Vec3f reference, Vec3f direction) const;
+    /// Radiance of the environment, which there must be, and the density of `sample` there.
+    EnvironmentLight::Seen see_environment(Vec3f reference, Vec3f direction) const;
     /// Radiance leaving a surface light towards the front or the back of its surface.
     Spectrumf emitted(int light, const TexturePoint& at, bool front) const;
 

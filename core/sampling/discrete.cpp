@@ -1,6 +1,7 @@
 #include "sampling/discrete.h"
 
 #include <algorithm>
+#include <bit>
 #include <cmath>
 
 #include "base/numeric.h"
@@ -34,11 +35,26 @@ DiscreteDistribution::DiscreteDistribution(std::span<const double> weights) {
     // Trailing empty cells own nothing: hand what rounding left there to the last positive one.
     for (std::size_t i = weights.size(); i-- > 0 && !(weights[i] > 0);)
         if (i > 0) end_[i - 1] = kTotal;
+    fill_buckets();
+}
+
+void DiscreteDistribution::fill_buckets() {
+    constexpr std::size_t kCellsPerBucket = 4;
+    const std::size_t buckets = std::bit_ceil(end_.size() / kCellsPerBucket + 1);
+    shift_ = std::countr_zero(kTotal) - std::countr_zero(buckets);
+    first_.resize(buckets + 1);
+    std::size_t cell = 0;
+    for (std::size_t b = 0; b < buckets; ++b) {
+        while (end_[cell] <= b << shift_) ++cell;
+        first_[b] = std::uint32_t(cell);
+    }
+    first_[buckets] = std::uint32_t(end_.size() - 1);
 }
 
 DiscreteDistribution::Choice DiscreteDistribution::sample(std::uint32_t u) const {
     const std::uint32_t lattice = u >> 1U;
-    const auto it = std::upper_bound(end_.begin(), end_.end(), lattice);
+    const std::uint32_t* bucket = &first_[lattice >> shift_];
+    const auto it = std::upper_bound(end_.begin() + bucket[0], end_.begin() + bucket[1], lattice);
     const auto i = std::size_t(it - end_.begin());
     const std::uint32_t first = begin(i), count = end_[i] - first;
     const double remainder =

@@ -32,8 +32,13 @@ class DiscreteDistribution {
 
  private:
     static constexpr std::uint32_t kTotal = 1U << 31;
+    void fill_buckets();
     std::uint32_t begin(std::size_t i) const { return i == 0 ? 0 : end_[i - 1]; }
     std::vector<std::uint32_t> end_;  // cell i owns the lattice points [end_[i-1], end_[i])
+    /// By bucket of 2^shift_ lattice points: the cell of the first one. A cell is found in two
+    /// reads of memory far apart, not in log2(size).
+    std::vector<std::uint32_t> first_;
+    int shift_ = 0;
 };
 
 }  // namespace matiere

@@ -16,7 +16,7 @@ namespace matiere {
 
 /// What a block of four numbers is for. Every bounce owns kCount blocks, used or not.
 enum class Purpose : std::uint32_t {
-    kFilm = 0,   ///< bounce 0 only: pixel filter (2), lens (2)
+    kFilm = 0,   ///< bounce 0 only: lens, pixel filter (2), lens
     kBsdf = 1,   ///< lobe choice, direction (2), roulette
     kLight = 2,  ///< light choice, position (2), part of the light
     kSpare = 3,  ///< opacity, dispersion

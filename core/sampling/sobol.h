@@ -37,13 +37,15 @@ constexpr std::array<std::uint32_t, 32> directions(int s, unsigned a, std::array
     return v;
 }
 
+/// The best pair of dimensions, a (0, 2)-sequence, comes second and third: there a block holds what
+/// is sampled in two dimensions, after a choice.
 constexpr std::array<Column, 32> columns() {
     const auto d0 = directions(0, 0, {});
     const auto d1 = directions(1, 0, {1, 0, 0});
     const auto d2 = directions(2, 1, {1, 3, 0});
     const auto d3 = directions(3, 1, {1, 3, 1});
     std::array<Column, 32> c{};
-    for (std::size_t i = 0; i < 32; ++i) c[i] = {d0[i], d1[i], d2[i], d3[i]};
+    for (std::size_t i = 0; i < 32; ++i) c[i] = {d2[i], d0[i], d1[i], d3[i]};
     return c;
 }
 
