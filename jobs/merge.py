@@ -114,17 +114,18 @@ def merge(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
 
     `request`: width, height, replicates, prefix (digest or None), files, jobs (`id`, `stop`,
     `spp_cap`, `fresh`: not looked at yet). The answer holds digest and size of the new prefix
-    (None when nothing was merged), chunks, facts, `ended` jobs with reason, and the `course` that
-    an adaptive film has decided on.
+    (None when nothing was merged), chunks, facts, `ended` jobs with reason, `shares` by job of the
+    way to its target error, and the `course` that an adaptive film has decided on.
     """
     prefix = Prefix(work, request, folder)
     start = prefix.chunks
     source = ChunkSource(folder, request["files"])
-    ended = _ended(work, prefix, request["jobs"]) if prefix.chunks else []
+    shares: dict[str, float] = {}
+    ended = _ended(work, prefix, request["jobs"], shares) if prefix.chunks else []
     while not ended and prefix.advance(source):
         if any(work.look_due(prefix.plan, job["stop"], prefix.spp) for job in request["jobs"]):
             prefix.look()
-        ended = _ended(work, prefix, request["jobs"])
+        ended = _ended(work, prefix, request["jobs"], shares)
     if ended and prefix.chunks:
         prefix.look()
     digest, size = None, 0
@@ -134,10 +135,12 @@ def merge(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
     for job in ended:
         job |= facts
     return {"digest": digest, "size": size, "chunks": prefix.chunks, "facts": facts, "ended": ended,
-            "course": prefix.decided()}  # fmt: skip
+            "shares": shares, "course": prefix.decided()}  # fmt: skip
 
 
-def _ended(work: Any, prefix: Prefix, jobs: Sequence[JsonDict]) -> list[JsonDict]:
+def _ended(
+    work: Any, prefix: Prefix, jobs: Sequence[JsonDict], shares: dict[str, float]
+) -> list[JsonDict]:
     found = list[JsonDict]()
     for job in jobs if prefix.course.ends_round(prefix.chunks) else ():
         newest = prefix.log[-1] if prefix.log else None
@@ -145,6 +148,9 @@ def _ended(work: Any, prefix: Prefix, jobs: Sequence[JsonDict]) -> list[JsonDict
             newest = prefix.look()
         if newest is not None:
             newest = prefix.measured(job["stop"], newest)
+            share = work.target_share(job["stop"], newest)
+            if share is not None:
+                shares[job["id"]] = share
         reason = work.stop_reason(prefix.plan, job["stop"], prefix.spp, prefix.seconds, newest)
         if reason is None and prefix.spp >= job["spp_cap"]:
             reason = "spp"

@@ -266,7 +266,13 @@ class UtilityQueue:
         for ended in body["ended"]:
             ended["cached"] = 0 < ended["spp"] <= joined.get(ended["job_id"], 0)
         merged = Merged(
-            film_id, task.old_chunks, body["chunks"], prefix, body["facts"], body["ended"]
+            film_id,
+            task.old_chunks,
+            body["chunks"],
+            prefix,
+            body["facts"],
+            body["ended"],
+            body["shares"],
         )
         accepted = s.db.write(lambda c: films.commit_merge(c, merged))
         if film is not None:

@@ -207,6 +207,17 @@ def stop_reason(
     return None if step["go_on"] else str(step["reason"])
 
 
+def target_share(stop: Mapping[str, Any], newest: Mapping[str, Any]) -> float | None:
+    """Return the share of the samples to the target error that are done, or None if unknown.
+
+    For a display target the row of the log must have passed through `measured`.
+    """
+    from matiere.target import excess_of
+
+    excess = excess_of(stop["target_error"], newest) if stop.get("target_error") else None
+    return 1.0 / excess if excess else None
+
+
 # -- images (in the utility child) --------------------------------------------------------------
 def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""

@@ -105,6 +105,7 @@ class Merged:
     prefix: Blob | None  # None: nothing new was merged
     facts: JsonDict  # spp, seconds, relmse, lower, upper at the new prefix
     ended: Sequence[Mapping[str, Any]]  # each job_id, reason, cached and facts
+    shares: Mapping[str, float]  # by job: how far it is on the way to its target error
 
 
 # -- reading ----------------------------------------------------------------------------------
@@ -324,6 +325,8 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
             )
         )
         _free_chunks(c, merged)
+    for job_id, share in merged.shares.items():
+        c.execute(sa.update(job).where(job.c.id == job_id).values(target_share=share))
     for waiting in waiting_jobs(c, merged.film_id) if merged.prefix else []:
         facts = {k: merged.facts[k] for k in ("spp", "relmse", "lower", "upper")}
         emit(c, "look", waiting.id, waiting.sweep_id, **facts)

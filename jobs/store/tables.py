@@ -90,6 +90,7 @@ job = Table(
     Column("created", Float, nullable=False),
     Column("started", Float),
     Column("finished", Float),
+    Column("target_share", Float),  # of the samples to target_error, at its newest look
     # Set when the stop rule fired; the job is still running until its images are made.
     Column("ended_spp", BigInteger),
     Column("ended_seconds", Float),

@@ -148,9 +148,8 @@ def _progress(r: Any, stop: JsonDict) -> float:
     shares = [r.pixel_samples / (r.width * r.height * r.spp_cap)]
     if stop.get("seconds"):
         shares.append(r.seconds / stop["seconds"])
-    target = stop.get("target_error") or {}
-    if "relmse" in target and r.relmse_upper:
-        shares.append(target["relmse"] / r.relmse_upper)
+    if r.target_share is not None:
+        shares.append(r.target_share)
     return float(min(0.99, max(shares)))
 
 

@@ -1,13 +1,14 @@
-"""What each part gains at equal time: relMSE x CPU seconds without it over that with it, in one run.
+"""What each part gains at equal time: relMSE x CPU seconds without it over that with it.
 
     ./dev bench gains --out prove-out/gains.json
 
 Adaptive sampling against even counts, Sobol points against independent ones, light tracing against
-camera paths alone (with the photons' guide and without), the light tree against a choice by power.
-Both sides are rendered in turn with the same seeds; the reference has many more samples, another
-seed and whatever finds the most light, and its own error is taken off. Independent points are those
-of as many films of four samples each (one a replicate), with seeds of their own: their time is taken to be that of
-Sobol points. A gain of 2 is half the time to the same error; +- is its standard error.
+camera paths alone (with the photons' guide and without), the light tree against a choice by power,
+in one run. Both sides are rendered in turn with the same seeds; the reference has many more
+samples, another seed and whatever finds the most light, and its own noise is taken off. Independent
+points are those of many films of four samples a pixel (one a replicate), with seeds of their own:
+their time is taken to be that of Sobol points. A gain of 2 is half the time to the same error, +-
+its standard error.
 """
 
 from __future__ import annotations

@@ -40,7 +40,7 @@ def whole() -> tuple[np.ndarray, np.ndarray]:
 LIMITS = [
     {"max_depth": 0},
     {"max_depth": 3},
-    {"threshold": 0.2},
+    {"threshold": 0.5},
     {"max_depth": 3, "adaptive": True, "replicates": 8},
     {"max_depth": 2, "threshold": 0.3},
 ]

@@ -222,6 +222,11 @@ def stop_reason(
     return None
 
 
+def target_share(stop: JsonDict, newest: JsonDict) -> float | None:
+    target = (stop.get("target_error") or {}).get("relmse")
+    return target / newest["upper"] if target and newest.get("upper") else None
+
+
 def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
     fold = FakeFold(FakePlan(request["width"], request["height"], request["replicates"]), stored)
     digest = hashlib.sha256(fold.sums.tobytes()).hexdigest()

@@ -134,13 +134,42 @@ def test_a_report_of_an_old_attempt_is_refused_and_counted(db: Database) -> None
     assert blob(8).digest not in db.read(files.pending_deletions)
 
 
+def test_progress_is_that_of_the_nearest_stop(db: Database) -> None:
+    job_id = submit(db, spp=64)
+    token = claim(db, 0)
+    assert complete(db, token)
+    before = db.read(lambda c: views.get_job(c, job_id)).progress
+    assert before == 64 / (8 * 8 * 64)
+    facts = {"spp": 1, "seconds": 0.5, "relmse": 0.5, "lower": 0.4, "upper": 0.6}
+    for share, progress in ((0.4, 0.4), (1e-4, before), (7.0, 0.99)):
+        merged = Merged(1, 0, 0, None, facts, [], {job_id: share})
+        assert db.write(lambda c, merged=merged: films.commit_merge(c, merged))
+        assert db.read(lambda c: views.get_job(c, job_id)).progress == progress
+
+
+def test_a_database_of_the_first_version_is_kept(tmp_path: Path) -> None:
+    old = Database(tmp_path / "store.sqlite")
+    old.write(lambda c: films.void_dead(c, "first", 1))
+    job_id = submit(old)
+
+    def undo(c: sa.Connection) -> None:
+        c.execute(sa.text("ALTER TABLE job DROP COLUMN target_share"))
+        c.execute(sa.text("UPDATE alembic_version SET version_num = '0001'"))
+
+    old.write(undo)
+    old.close()
+    new = Database(tmp_path / "store.sqlite")
+    assert new.read(lambda c: views.get_job(c, job_id)).progress == 0
+    new.close()
+
+
 def test_a_merge_frees_chunk_files_and_ends_jobs_in_one_transaction(db: Database) -> None:
     job_id = submit(db)
     first, second = claim(db, 0, 1), claim(db, 2)
     assert complete(db, first, 1) and complete(db, second, 2)
     facts = {"spp": 4, "seconds": 1.0, "relmse": 0.5, "lower": 0.4, "upper": 0.6}
     ended = [{"job_id": job_id, "reason": "spp", "cached": False, **facts}]
-    merged = Merged(1, 0, 2, blob(9), facts, ended)
+    merged = Merged(1, 0, 2, blob(9), facts, ended, {})
     assert db.write(lambda c: films.commit_merge(c, merged)) is True
     assert db.write(lambda c: films.commit_merge(c, merged)) is False, "made from an old prefix"
     row = film_row(db)

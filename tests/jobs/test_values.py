@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 
 from matiere.errors import SceneValidationError
-from matiere.jobs import sweep
+from matiere.jobs import sweep, work
 from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, StorageFault, pack, unpack
 from matiere.jobs.errors import IllegalTransition
 from matiere.jobs.job import JobState, check_transition
@@ -149,3 +149,19 @@ def test_packed_records_come_back(tmp_path: Path) -> None:
     assert [bytes(r) for r in records] == [b"one", b"", b"three"]
     with pytest.raises(DamagedFile):
         unpack(data[:-1])
+
+
+@pytest.mark.parametrize(
+    ("target", "row", "share"),
+    [
+        ({"relmse": 0.5}, {"any_time_upper": 1.0}, 0.5),
+        ({"rmse_percent": 2}, {"rmse_percent_any_time_upper": 4.0}, 0.25),
+        ({"display": {"code_values": 1, "pixels_percent": 95}}, {"display_excess": 2.0}, 0.5),
+        ({"display": {"code_values": 1, "pixels_percent": 95}}, {}, None),
+        (None, {"any_time_upper": 1.0}, None),
+    ],
+)
+def test_every_target_tells_how_far_it_is(
+    target: dict[str, object] | None, row: dict[str, float], share: float | None
+) -> None:
+    assert work.target_share({"target_error": target}, row) == share

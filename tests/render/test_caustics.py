@@ -66,10 +66,16 @@ def test_guided_techniques_agree() -> None:
 
 @pytest.mark.parametrize("ball", BALLS)
 def test_the_guide_takes_noise_away(ball: str) -> None:
-    """At equal samples the variance of the lower half (mostly floor) falls to less than half."""
+    """At equal samples the variance of the lower half (mostly floor) falls by a good third or more.
+
+    Rare bright paths rule it: one seed's ratio for rough glass runs from 0.3 to 1.2 around 0.47.
+    """
     scene = _core.Scene(ball_on_floor(*BALLS[ball]))
-    guided, plain = (replicates(scene, g, 256)[:, 12:].var(0, ddof=1).mean() for g in (True, False))
-    assert guided < 0.5 * plain, (guided, plain)
+    guided, plain = (
+        np.mean([replicates(scene, g, 1024, seed)[:, 12:].var(0, ddof=1) for seed in range(3, 7)])
+        for g in (True, False)
+    )
+    assert guided < 0.65 * plain, (guided, plain)
 
 
 def test_the_guide_is_left_out_where_nothing_is_hidden() -> None:
