@@ -3,6 +3,7 @@
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
+#include <array>
 #include <cmath>
 #include <cstring>
 #include <string_view>
@@ -163,6 +164,8 @@ void bind_chunk_film(py::module_& m) {
                                                 c.chunk().width(), kFilmChannels},
                                                self);
                                })
+        .def_property_readonly("has_light_layer", &ChunkFilm::has_splats)
+        .def_property_readonly("light_paths", &ChunkFilm::light_paths, "Of each replicate.")
         .def("to_bytes", [](const ChunkFilm& c) { return as_bytes(c.to_bytes()); })
         .def_static(
             "from_bytes", [](const py::bytes& b) { return ChunkFilm::from_bytes(as_span(b)); },
@@ -181,6 +184,15 @@ py::dict cut_energy_dict(const Film& film, const std::string& cause) {
     d["radiance"] = e.radiance;
     d["standard_error"] = e.standard_error;
     return d;
+}
+
+py::array_t<double> film_light_mean(const Film& film) {
+    py::array_t<double> out({film.height(), film.width(), kSplatChannels});
+    double* to = out.mutable_data();
+    const auto pixels = std::size_t(film.width()) * std::size_t(film.height());
+    for (std::size_t i = 0; i < pixels; ++i)
+        for (int c = 0; c < kSplatChannels; ++c) *to++ = film.light_mean(i, c, -1);
+    return out;
 }
 
 py::list film_aovs(const Film& film) {
@@ -204,9 +216,30 @@ py::array_t<double> film_aov(const Film& film, const std::string& name) {
     return array;
 }
 
+void bind_light_layer(py::class_<Film>& film) {
+    film.def_property_readonly("has_light_layer", &Film::has_light_layer,
+                               "Whether paths from the lights took part.")
+        .def_property_readonly(
+            "light_paths",
+            [](const Film& f) { return std::array{f.light_paths(0), f.light_paths(1)}; },
+            "Of each replicate: of all, 0; or of either half where the plan is adaptive.")
+        .def_property_readonly(
+            "light_sums",
+            [](const py::object& self) -> py::object {
+                const auto& f = self.cast<const Film&>();
+                if (!f.has_light_layer()) return py::none();
+                return view(f.light_sums(), {f.replicates(), f.height(), f.width(), kSplatChannels},
+                            self);
+            },
+            "Sums over the light paths of every replicate; None without a light layer.")
+        .def("light_mean", &film_light_mean, "(H, W, 3) the light layer's part of the mean.");
+}
+
 void bind_film_class(py::module_& m) {
-    py::class_<Film>(m, "Film", "Replicate sums of an image, folded chunk by chunk in double.")
-        .def(py::init<int, int, int, bool>(), py::arg("width"), py::arg("height"),
+    py::class_<Film> film(m, "Film",
+                          "Replicate sums of an image, folded chunk by chunk in double.");
+    bind_light_layer(film);
+    film.def(py::init<int, int, int, bool>(), py::arg("width"), py::arg("height"),
              py::arg("replicates"), py::arg("adaptive") = false)
         .def_property_readonly("width", &Film::width)
         .def_property_readonly("height", &Film::height)
@@ -271,11 +304,12 @@ void bind_film_class(py::module_& m) {
             py::arg("data"))
         .def_static(
             "bytes_per_pixel",
-            [](int replicates, bool adaptive, const std::vector<std::string>& aovs) {
-                return Film::bytes_per_pixel(replicates, adaptive, aov_set(aovs));
+            [](int replicates, bool adaptive, const std::vector<std::string>& aovs,
+               bool light_layer) {
+                return Film::bytes_per_pixel(replicates, adaptive, aov_set(aovs), light_layer);
             },
             py::arg("replicates"), py::arg("adaptive") = false,
-            py::arg("aovs") = std::vector<std::string>());
+            py::arg("aovs") = std::vector<std::string>(), py::arg("light_layer") = false);
 }
 
 }  // namespace

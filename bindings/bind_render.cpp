@@ -28,6 +28,13 @@ Strategy parse_strategy(const std::string& name) {
     throw py::value_error("strategy must be mis, light or bsdf, not " + name);
 }
 
+LightTracing parse_light_tracing(const std::string& name) {
+    if (name == "off") return LightTracing::kOff;
+    if (name == "auto") return LightTracing::kAuto;
+    if (name == "on") return LightTracing::kOn;
+    throw py::value_error("light_tracing must be off, auto or on, not " + name);
+}
+
 /// The index of a kernel; "" lets the scene choose.
 int parse_kernel(const std::string& name) {
     if (name.empty()) return -1;
@@ -202,18 +209,24 @@ std::string settings_repr(const Settings& s) {
 
 void bind_settings(py::module_& m) {
     py::class_<Settings>(m, "Settings", "What decides the value of a sample, beside the scene.")
-        .def(
-            py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
-                        bool transparent_background, bool guide_caustics, const std::string& kernel,
-                        float threshold, const std::vector<std::string>& aovs) {
-                return Settings{
-                    seed,           max_depth, parse_strategy(strategy), transparent_background,
-                    guide_caustics, threshold, parse_kernel(kernel),     aov_set(aovs)};
-            }),
-            py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
-            py::arg("transparent_background") = false, py::arg("guide_caustics") = true,
-            py::arg("kernel") = "", py::arg("threshold") = 0.0F,
-            py::arg("aovs") = std::vector<std::string>())
+        .def(py::init([](std::uint64_t seed, int max_depth, const std::string& strategy,
+                         bool transparent_background, bool guide_caustics,
+                         const std::string& kernel, float threshold,
+                         const std::vector<std::string>& aovs, const std::string& light_tracing) {
+                 return Settings{seed,
+                                 max_depth,
+                                 parse_strategy(strategy),
+                                 transparent_background,
+                                 guide_caustics,
+                                 threshold,
+                                 parse_kernel(kernel),
+                                 aov_set(aovs),
+                                 parse_light_tracing(light_tracing)};
+             }),
+             py::arg("seed") = 0, py::arg("max_depth") = -1, py::arg("strategy") = "mis",
+             py::arg("transparent_background") = false, py::arg("guide_caustics") = true,
+             py::arg("kernel") = "", py::arg("threshold") = 0.0F,
+             py::arg("aovs") = std::vector<std::string>(), py::arg("light_tracing") = "off")
         .def_readonly("seed", &Settings::seed)
         .def_readonly("max_depth", &Settings::max_depth)
         .def_readonly("transparent_background", &Settings::transparent_background)
@@ -243,6 +256,12 @@ void bind_render(py::module_& m) {
         },
         py::arg("scene"), py::arg("settings"),
         "The kernel of a render, the features it has code for, and those found in the scene.");
+    m.def(
+        "has_light_layer",
+        [](const Scene& scene, const Settings& settings) {
+            return light_layer(scene, settings) != nullptr;
+        },
+        py::arg("scene"), py::arg("settings"), "Whether paths from the lights take part.");
     m.def(
         "render_chunk",
         [](const Scene& scene, const Settings& settings, const Plan& plan, std::uint32_t index,

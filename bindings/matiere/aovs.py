@@ -33,6 +33,8 @@ def layer(film: Film, name: str) -> NDArray[np.float64]:
         return film.sample_counts.astype(np.float64)
     if name == "standard_error":
         return film.standard_error
+    if name == "caustic":
+        return film.core.light_mean()
     held = film.core.aovs
     if name not in held:
         has = ", ".join([*held, *MADE_AOVS])

@@ -45,7 +45,7 @@ def plan(model: SceneModel) -> _core.Plan:
 
 def settings(model: SceneModel, strategy: str = "mis") -> _core.Settings:
     """Return what decides the value of a sample, beside the scene."""
-    from matiere import _core
+    from matiere import _core, light_layer
 
     render = model.render
     depth = -1 if render.max_depth is None else render.max_depth
@@ -56,6 +56,7 @@ def settings(model: SceneModel, strategy: str = "mis") -> _core.Settings:
         model.background == "transparent",
         threshold=render.threshold or 0.0,
         aovs=aovs(model),
+        light_tracing=light_layer.mode(model),
     )
 
 

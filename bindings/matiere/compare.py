@@ -68,9 +68,11 @@ def compare(a: Film, b: Film) -> Comparison:
     d = b.replicate_means - a.replicate_means
     difference, variance = _moments(d)
     light, light_variance = _moments((d @ LUMINANCE)[..., None])
+    # Pixels that share light paths are not independent: then only replicates tell the error.
+    shared = d @ LUMINANCE if a.core.has_light_layer or b.core.has_light_layer else None
     alone = a.core.mean_variance() + b.core.mean_variance()
     total = float(variance.sum())
-    tiles = _tiles(a, light[..., 0], light_variance[..., 0])
+    tiles = _tiles(a, light[..., 0], light_variance[..., 0], shared)
     paired = a.info.seeds == b.info.seeds
     report = {
         "compare_version": VERSION,
@@ -79,7 +81,7 @@ def compare(a: Film, b: Film) -> Comparison:
         "paired": paired,
         "identical": bool(not d.any()),
         "variance_ratio": float(alone.sum()) / total if total > 0.0 else None,
-        "mean": _mean(a, light[..., 0], light_variance[..., 0]),
+        "mean": _mean(a, light[..., 0], light_variance[..., 0], shared),
         "significance": SIGNIFICANCE,
         "tiles": tiles,
         "tiles_significant": sum(bool(tile["significant"]) for tile in tiles),
@@ -167,25 +169,34 @@ def _freedom(variance: Image, replicates: int) -> float:
     return (replicates + 1) * float(variance.sum()) ** 2 / squares if squares > 0.0 else 0.0
 
 
-def _judge(light: Image, variance: Image, replicates: int) -> dict[str, Any]:
-    """Mean of a region, its standard error, 95 % interval and two-sided p-value."""
+def _judge(
+    light: Image, variance: Image, replicates: int, shared: Image | None = None
+) -> dict[str, Any]:
+    """Mean of a region, its standard error, 95 % interval and two-sided p-value.
+
+    `shared`: the region of every replicate, where its pixels hang together.
+    """
     from matiere import _core
 
     mean, error = float(light.mean()), float(np.sqrt(variance.sum())) / light.size
+    if shared is not None:
+        error = float(np.sqrt(shared.mean((1, 2)).var(ddof=1) / replicates))
     if error == 0.0:
         known = None if mean else 1.0  # exactly equal, or differing by one amount everywhere
         return {"difference": mean, "standard_error": None, "lower": None, "upper": None,
                 "p_value": known}  # fmt: skip
-    dof = max(_freedom(variance, replicates), float(replicates - 1))
+    dof = float(replicates - 1)
+    if shared is None:
+        dof = max(_freedom(variance, replicates), dof)
     t = float(_core.student_quantile(0.025, dof))
     p = 2.0 * float(_core.student_tail(abs(mean) / error, dof))
     return {"difference": mean, "standard_error": error, "lower": mean - t * error,
             "upper": mean + t * error, "p_value": p}  # fmt: skip
 
 
-def _mean(a: Film, light: Image, variance: Image) -> dict[str, Any]:
+def _mean(a: Film, light: Image, variance: Image, shared: Image | None) -> dict[str, Any]:
     """Judge the whole image, also in percent of film a's mean luminance."""
-    found = _judge(light, variance, a.replicates)
+    found = _judge(light, variance, a.replicates, shared)
     base = float((a.mean @ LUMINANCE).mean())
     for key in ("difference", "lower", "upper"):
         value = found[key]
@@ -196,7 +207,7 @@ def _mean(a: Film, light: Image, variance: Image) -> dict[str, Any]:
     return found
 
 
-def _tiles(a: Film, light: Image, variance: Image) -> list[dict[str, Any]]:
+def _tiles(a: Film, light: Image, variance: Image, shared: Image | None) -> list[dict[str, Any]]:
     edge = int(a.core.plan.tile_edge)
     while -(-a.width // edge) * -(-a.height // edge) > MAX_TILES:
         edge *= 2
@@ -206,7 +217,8 @@ def _tiles(a: Film, light: Image, variance: Image) -> list[dict[str, Any]]:
             part = np.s_[y0 : y0 + edge, x0 : x0 + edge]
             place = {"x0": x0, "y0": y0, "x1": min(x0 + edge, a.width),
                      "y1": min(y0 + edge, a.height)}  # fmt: skip
-            rows.append(place | _judge(light[part], variance[part], a.replicates))
+            of_part = None if shared is None else shared[:, *part]
+            rows.append(place | _judge(light[part], variance[part], a.replicates, of_part))
     for row, p in zip(rows, holm([row["p_value"] for row in rows]), strict=True):
         row["p_corrected"] = p
         row["significant"] = None if p is None else p < SIGNIFICANCE

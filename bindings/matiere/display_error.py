@@ -45,7 +45,8 @@ def display_error(film: _core.Film, target: Mapping[str, Any]) -> dict[str, floa
         return None
     look = film.plan.look_number(film.spp)
     delivered, shown, se = (image[known] * CODES for image in (delivered, shown, se))
-    pixels = _Pixels(delivered, shown, se, dof[known], target["code_values"])
+    most, layered = target["code_values"], film.has_light_layer
+    pixels = _Pixels(delivered, shown, se, dof[known], most, layered)
     asked = target["pixels_percent"] / 100.0
     share, lower = pixels.share(1.0, look)
     some = pixels.some(_SOLVE_PIXELS)
@@ -135,20 +136,23 @@ def _largest_scale(holds: Any) -> float:
 class _Pixels:
     """Code values of pixels (N, C), their standard errors and degrees of freedom."""
 
-    def __init__(self, delivered: Array, codes: Array, se: Array, dof: Array, most: int) -> None:
+    def __init__(
+        self, delivered: Array, codes: Array, se: Array, dof: Array, most: int, layered: bool
+    ) -> None:
         nearest = np.floor(delivered + 0.5)
         low, high = nearest - most - 0.5, nearest + most + 0.5
         self._above = np.where(high >= CODES, np.inf, high - codes)
         self._below = np.where(low <= 0.0, np.inf, codes - low)
-        self._se, self._dof = se, dof
+        self._se, self._dof, self._layered = se, dof, layered
         self._classes = np.searchsorted(_FREEDOMS, dof, side="right").clip(1) - 1
 
     def some(self, most: int) -> _Pixels:
         """Return evenly strided pixels, no more than `most`."""
         step = -(-len(self._se) // most)
         part = object.__new__(_Pixels)
-        for name in ("_above", "_below", "_se", "_dof", "_classes"):
-            setattr(part, name, getattr(self, name)[::step])
+        for name in ("_above", "_below", "_se", "_dof", "_classes", "_layered"):
+            value = getattr(self, name)
+            setattr(part, name, value[::step] if isinstance(value, np.ndarray) else value)
         return part
 
     def share(self, scale: float, look: int) -> tuple[float, float]:
@@ -158,9 +162,10 @@ class _Pixels:
         miss = self._miss(scale)
         share, n = 1.0 - float(miss.mean()), len(miss)
         slope = (self._miss(scale * np.exp(_STEP)) - miss) / _STEP
-        # Pixels miss or not on their own; standard errors are shared by 5 x 5 pixels.
-        by_chance = float(np.sum(miss * (1.0 - miss)))
+        # Pixels miss or not on their own, but together with their neighbours where they share
+        # light paths; standard errors are shared by 5 x 5 pixels.
         window = (2 * _RADIUS + 1) ** 2
+        by_chance = float(np.sum(miss * (1.0 - miss))) * (window if self._layered else 1)
         by_spread = window * float(np.sum(slope**2 / (2.0 * self._dof.min(-1))))
         tail = 0.5 * (1.0 - _core.look_confidence(look))
         t = float(_core.student_quantile(tail, 1e4))

@@ -33,6 +33,7 @@ class FilmInfo:
     max_depth: int | None = None
     threshold: float | None = None
     adaptive: bool = False
+    light_tracing: bool | str = "auto"
     transparent: bool = False
     materials: tuple[str, ...] = ()  # names by index
     log: tuple[Mapping[str, Any], ...] = ()
@@ -60,6 +61,7 @@ class FilmInfo:
             max_depth=render.max_depth,
             threshold=render.threshold,
             adaptive=render.adaptive,
+            light_tracing=render.light_tracing,
             transparent=scene.model.background == "transparent",
             materials=tuple(scene.model.materials),
             versions=fingerprint(),
@@ -206,8 +208,8 @@ class Film:
     def aov(self, name: str) -> Image:
         """Return a layer, float64 (H, W, C), or (H, W) for depth, material_id and sample_count.
 
-        `standard_error` and `sample_count` are there in every film, the others if the scene's
-        `film.aovs` asked for them. Raises FilmError for any other name.
+        `caustic`, `standard_error` and `sample_count` are there in every film, the others if the
+        scene's `film.aovs` asked for them. Raises FilmError for any other name.
         """
         from matiere.aovs import layer
 

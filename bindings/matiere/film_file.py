@@ -54,7 +54,7 @@ def _pieces(film: Film) -> Iterator[bytes]:
 def _header(film: Film) -> dict[str, Any]:
     info = {f.name: getattr(film.info, f.name) for f in fields(film.info)}
     return {
-        "layers": ["camera"],
+        "layers": ["camera", "light"] if film.core.has_light_layer else ["camera"],
         "width": film.width,
         "height": film.height,
         "replicates": film.replicates,
@@ -74,14 +74,14 @@ def read_film(path: str | os.PathLike[str]) -> Film:
             header, sums = _read(file, name)
     except OSError as error:
         raise FilmError(f"cannot read {name!r}: {error.strerror}", code="unreadable") from None
-    if header.get("layers") != ["camera"]:
+    if header.get("layers") not in (["camera"], ["camera", "light"]):
         raise FilmError(f"{name!r} has layers this matiere does not know", code="newer_film")
     try:
         core = _core.Film.from_bytes(sums)
         info: dict[str, Any] = {
             k: tuple(v) if isinstance(v, list) else v for k, v in header["info"].items()
         }
-        return Film(core, FilmInfo(**info))
+        return Film(core, FilmInfo(**{"light_tracing": False, **info}))  # older: had no choice
     except _core.SceneError as error:
         raise FilmError(f"{name!r}: {error}", code=error.code) from None
     except (KeyError, TypeError, AttributeError) as error:

@@ -65,6 +65,7 @@ def ledger(film: Film) -> list[dict[str, Any]]:
         *_asked_for(film),
         *_counted(counters, film.core.counters["samples"]),
         *_stopping(film.info.reason),
+        _hidden(film),
     ]
     return [asdict(entry) for entry in sorted(entries, key=lambda entry: not entry.active)]
 
@@ -151,3 +152,13 @@ def _stopping(reason: str) -> list[Entry]:
     words = _STOPPED.get(reason, "the end of the render did not depend on the image")
     size = STOPPING_BIAS if reason == "target_error" else None if active else 0.0
     return [Entry("stopping", active, active, None, None, size, words)]
+
+
+def _hidden(film: Film) -> Entry:
+    from matiere import light_layer
+
+    text = light_layer.missing(film)
+    there = "every path that carries light can be found"
+    return Entry(
+        "hidden_light", bool(text), bool(text), None, None, None if text else 0.0, text or there
+    )

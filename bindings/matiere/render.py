@@ -74,6 +74,8 @@ def render(
     build_s = time.monotonic() - start
     core = chunks.new_film(chunks.plan(asked.model)) if film is None else film.core.copy()
     settings = chunks.settings(asked.model)
+    if _core.has_light_layer(built, settings):
+        _check_memory(asked, film, memory_limit, light_layer=True)
     try:
         outcome = _core.render(
             built, settings, core, stop, threads, callback, cancel, _measure(stop, core)
@@ -96,12 +98,13 @@ def render(
     return Film(core, info)
 
 
-def film_bytes(scene: Scene) -> dict[str, int]:
+def film_bytes(scene: Scene, light_layer: bool = False) -> dict[str, int]:
     """Return `bytes_per_pixel` and `bytes` of the film of a scene."""
     from matiere import _core
 
     of = chunks.plan(scene.model)
-    each = _core.Film.bytes_per_pixel(of.replicates, of.adaptive, chunks.aovs(scene.model))
+    names = chunks.aovs(scene.model)
+    each = _core.Film.bytes_per_pixel(of.replicates, of.adaptive, names, light_layer)
     return {"bytes_per_pixel": each, "bytes": each * of.width * of.height}
 
 
@@ -207,9 +210,11 @@ def _check_continues(wanted: FilmInfo, film: Film) -> None:
     )
 
 
-def _check_memory(scene: Scene, film: Film | None, limit: int | None) -> None:
+def _check_memory(
+    scene: Scene, film: Film | None, limit: int | None, light_layer: bool = False
+) -> None:
     """Say what the film needs, and refuse before any work if it is too much."""
-    need = film_bytes(scene)
+    need = film_bytes(scene, light_layer)
     width, height = chunks.size(scene.model)
     of = chunks.plan(scene.model)
     total = need["bytes"] * (1 if film is None else 2)  # the old film is kept

@@ -38,6 +38,8 @@ def film_report(film: Film) -> dict[str, Any]:
         wall_s = info.log[-1]["wall_s"]
     rays = counters["rays"] + counters["shadow_rays"]
     made = film.core.provenance
+    from matiere import light_layer
+
     return {
         "report_version": VERSION,
         "scene_digest": info.scene_digest,
@@ -76,7 +78,10 @@ def film_report(film: Film) -> dict[str, Any]:
         "rejected": rejections(counters, info.materials),
         "rejected_total": counters["rejected_total"],
         "warnings": warnings(film),
-        "bytes_per_pixel": film.core.bytes_per_pixel(film.replicates, film.adaptive),
+        "light_tracing": light_layer.facts(film),
+        "bytes_per_pixel": film.core.bytes_per_pixel(
+            film.replicates, film.adaptive, film.core.aovs, film.core.has_light_layer
+        ),
         "versions": dict(info.versions),
         "notes": [dict(note) for note in info.notes],
     }

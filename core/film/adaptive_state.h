@@ -27,6 +27,10 @@ class AdaptiveState {
     std::size_t done() const { return done_; }
     std::uint64_t rounds() const { return allocation_.rounds(done_); }
     bool wants(std::uint32_t index, const Plan& plan) const;
+    /// Whether a chunk is the next one of the order, none of those before it missing.
+    bool is_next(std::uint32_t index) const {
+        return done_ < allocation_.order().size() && allocation_.order()[done_] == index;
+    }
     /// Chunks that are decided, lie below the boundary `k` and are not in the film.
     std::vector<std::uint32_t> missing(std::uint64_t k, const Plan& plan) const;
 

@@ -87,6 +87,10 @@ class AovLayout {
     AovSet set() const { return set_; }
     int channels() const { return channels_; }
     bool has(Aov aov) const { return (set_ >> unsigned(aov) & 1U) != 0; }
+    /// Whether light is told apart by the lobes that it came by.
+    bool has_lobes() const {
+        return has(Aov::kDiffuse) || has(Aov::kSpecular) || has(Aov::kTransmission);
+    }
     /// First channel of a layer of the set.
     int offset(Aov aov) const { return offsets_[std::size_t(aov)]; }
     /// Channel that counts the samples which met a surface.

@@ -43,6 +43,11 @@ class VarianceSum {
         sum_ += v;
         squares_ += v * v;
     }
+    /// Something that counts as much as `pixels` of them.
+    void add_shared(double v, double pixels) {
+        sum_ += v;
+        squares_ += v * v / pixels;
+    }
     double sum() const { return sum_; }
     double effective_pixels() const { return squares_ > 0.0 ? sum_ * sum_ / squares_ : 0.0; }
 
@@ -54,8 +59,8 @@ class VarianceSum {
 /// estimates of the covariance of its channels.
 class DifferenceVariance {
  public:
-    DifferenceVariance(const PixelPairs& pixel, int replicates, int width)
-        : replicates_(replicates), disjoint_(disjoint_pairs(pixel, replicates)) {
+    DifferenceVariance(const PixelPairs& pixel, int replicates, int width, bool layered)
+        : replicates_(replicates), layered_(layered), disjoint_(disjoint_pairs(pixel, replicates)) {
         if (disjoint_.empty()) above_.resize(std::size_t(width), pixel);
     }
 
@@ -63,6 +68,7 @@ class DifferenceVariance {
     struct Both {
         double relative = 0.0, absolute = 0.0;
     };
+    const std::vector<std::array<std::size_t, 2>>& disjoint() const { return disjoint_; }
     Both of(const PixelPairs& pixel, int x, int y) {
         return disjoint_.empty() ? by_neighbours(pixel, x, y) : by_pairs(pixel);
     }
@@ -70,9 +76,19 @@ class DifferenceVariance {
  private:
     double factor() const { return 2.0 / (double(replicates_) * (replicates_ - 1.0)); }
 
-    static void add_product(Both& sum, const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-        sum.relative += covariance_product(a, b);
-        sum.absolute += plain_covariance_product(a, b);
+    /// Without bias for the sum over channels c, c' of w_c w_c' C_cc'^2 from two independent
+    /// estimates of the covariance C, each half the outer product of one pair's difference. Of a
+    /// film with a light layer all but that of the layer alone: LayerVariance has it.
+    void add_product(Both& sum, const PixelPairs::Pair& a, const PixelPairs::Pair& b) const {
+        const auto add = [&](FilmLayer of_a, FilmLayer of_b) {
+            const PairProduct p = pair_product(a, of_a, b, of_b);
+            sum.relative += 0.25 * p.relative * p.relative;
+            sum.absolute += 0.25 * p.plain * p.plain;
+        };
+        if (!layered_) return add(FilmLayer::kAll, FilmLayer::kAll);
+        add(FilmLayer::kCamera, FilmLayer::kCamera);
+        add(FilmLayer::kCamera, FilmLayer::kLight);
+        add(FilmLayer::kLight, FilmLayer::kCamera);
     }
     Both scaled(const Both& sum, std::size_t n) const {
         const double f = n == 0 ? 0.0 : factor() / double(n);
@@ -102,8 +118,48 @@ class DifferenceVariance {
     }
 
     int replicates_;
+    bool layered_;
     std::vector<std::array<std::size_t, 2>> disjoint_;
     std::vector<PixelPairs> above_;
+};
+
+/// What the light layer adds to the variance of D of a whole region. Its pixels share their paths,
+/// so the inner products of differences over the region are squared, not those of pixels: few, but
+/// independent of how the noise hangs together.
+class LayerVariance {
+ public:
+    void add(const PixelPairs& pixel, const std::vector<std::array<std::size_t, 2>>& disjoint) {
+        products_.resize(disjoint.size());
+        for (std::size_t k = 0; k < disjoint.size(); ++k) {
+            const auto& [p, q] = disjoint[k];
+            const PairProduct product = pair_product(pixel.pairs()[p], FilmLayer::kLight,
+                                                     pixel.pairs()[q], FilmLayer::kLight);
+            products_[k].relative += product.relative;
+            products_[k].plain += product.plain;
+        }
+    }
+    double relative(int replicates) const {
+        return of(replicates, [](const PairProduct& p) { return p.relative; });
+    }
+    double absolute(int replicates) const {
+        return of(replicates, [](const PairProduct& p) { return p.plain; });
+    }
+    /// Independent products among R replicates.
+    static double freedom(int replicates) {
+        return std::max(0.5 * replicates * (replicates - 3.0), 1.0);
+    }
+
+ private:
+    template <class F>
+    double of(int replicates, F&& f) const {
+        double sum = 0.0;
+        for (const PairProduct& p : products_) sum += sqr(f(p));
+        const double r = replicates;
+        return products_.empty() ? 0.0
+                                 : 0.25 * sum / double(products_.size()) * 2.0 / (r * (r - 1.0));
+    }
+
+    std::vector<PairProduct> products_;  ///< by pair of pairs
 };
 
 /// The variance that the noise of S adds to the estimate. S is shared within 5 x 5 pixels: inside

@@ -14,7 +14,6 @@ namespace matiere {
 namespace {
 
 constexpr int kC = kColorChannels;
-constexpr double kLeastFreedom = 3.0;  ///< one pixel alone still has its replicates
 
 double luminance(const double* rgb) { return 0.2126 * rgb[0] + 0.7152 * rgb[1] + 0.0722 * rgb[2]; }
 
@@ -46,7 +45,9 @@ struct RegionSums {
     double relative = 0.0, absolute = 0.0, classic = 0.0;
     VarianceSum relative_variance, absolute_variance;
     double scale_noise = 0.0;
-    std::array<double, kC> mean{}, variance{};  ///< of the radiance
+    std::array<double, kC> mean{}, variance{};  ///< of the radiance; variance: of the camera's part
+    LayerVariance layer;
+    std::vector<std::array<double, kC>> light;  ///< of the light layer, by replicate
 
     void add(const FilmRows& rows, const PixelPairs& pixel, int x) {
         pixels += 1.0;
@@ -58,6 +59,36 @@ struct RegionSums {
             classic += v / (m * m + kClassicFloor);
             mean[c] += m;
             variance[c] += v;
+        }
+    }
+
+    void add_light(const FilmRows& rows, const PixelPairs& pixel,
+                   const DifferenceVariance& difference, const Film& film, int x) {
+        layer.add(pixel, difference.disjoint());
+        const int r_count = film.replicates();
+        light.resize(std::size_t(r_count));
+        for (std::size_t c = 0; c < kC; ++c) {
+            double camera = 0.0, squares = 0.0;
+            const auto of = [&](int r) { return rows.replicate(r, x)[c] - rows.light(r, x)[c]; };
+            for (int r = 0; r < r_count; ++r) camera += of(r) / r_count;
+            for (int r = 0; r < r_count; ++r) squares += sqr(of(r) - camera);
+            variance[c] += squares / (double(r_count) * (r_count - 1.0)) - rows.variance(x)[c];
+            for (int r = 0; r < r_count; ++r) light[std::size_t(r)][c] += rows.light(r, x)[c];
+        }
+    }
+
+    /// Takes in what the light layer adds to the variances.
+    void close() {
+        const auto n = int(light.size());
+        if (n < 2) return;
+        const double freedom = LayerVariance::freedom(n);
+        relative_variance.add_shared(layer.relative(n), freedom);
+        absolute_variance.add_shared(layer.absolute(n), freedom);
+        for (std::size_t c = 0; c < kC; ++c) {
+            double all = 0.0, squares = 0.0;
+            for (const auto& l : light) all += l[c] / n;
+            for (const auto& l : light) squares += sqr(l[c] - all);
+            variance[c] = std::max(variance[c], 0.0) + squares / (double(n) * (n - 1.0));
         }
     }
 };
@@ -91,6 +122,8 @@ ErrorEstimate finish(const RegionSums& s, double log_average, std::uint64_t look
     e.effective_pixels = s.relative_variance.effective_pixels();
     const double absolute = log_deviation(ratio(s.absolute_variance.sum(), sqr(s.absolute)));
     e.rmse_log_deviation = std::hypot(0.5 * absolute, ratio(mean_deviation, mean));
+    if (!s.light.empty())
+        e.least_freedom = std::min(e.least_freedom, LayerVariance::freedom(int(s.light.size())));
     e.rmse_effective_pixels = s.absolute_variance.effective_pixels();
     return e;
 }
@@ -109,6 +142,9 @@ class Regions {
     RegionSums& at(int x, int y) { return sums_[index(x, y)]; }
     const std::vector<RegionSums>& sums() const { return sums_; }
     ScaleNoise& noise() { return noise_; }
+    void close() {
+        for (RegionSums& s : sums_) s.close();
+    }
     void end_row(int y) {
         const bool last = y + 1 == height_ || (y + 1) % edge_ == 0;
         noise_.end_row(y % edge_, last,
@@ -132,8 +168,8 @@ class Regions {
 
 /// Two-sided interval of a positive figure whose logarithm has this deviation; Student's t widens
 /// it where few pixels carry the variance.
-Interval log_interval(double value, double deviation, double pixels, double confidence) {
-    const double t = student_quantile(0.5 * (1.0 - confidence), std::max(pixels, kLeastFreedom));
+Interval log_interval(double value, double deviation, double freedom, double confidence) {
+    const double t = student_quantile(0.5 * (1.0 - confidence), freedom);
     return {value * std::exp(-deviation * t), value * std::exp(deviation * t)};
 }
 
@@ -145,11 +181,13 @@ double look_confidence(std::uint64_t look) {
 }
 
 Interval relmse_interval(const ErrorEstimate& e, double confidence) {
-    return log_interval(e.relmse, e.log_deviation, e.effective_pixels, confidence);
+    return log_interval(e.relmse, e.log_deviation, std::max(e.effective_pixels, e.least_freedom),
+                        confidence);
 }
 
 Interval rmse_percent_interval(const ErrorEstimate& e, double confidence) {
-    return log_interval(e.rmse_percent, e.rmse_log_deviation, e.rmse_effective_pixels, confidence);
+    return log_interval(e.rmse_percent, e.rmse_log_deviation,
+                        std::max(e.rmse_effective_pixels, e.least_freedom), confidence);
 }
 
 std::vector<TileEstimate> estimate_tiles(const Film& film, int edge) {
@@ -162,13 +200,14 @@ std::vector<TileEstimate> estimate_tiles(const Film& film, int edge) {
     const double floor = kRelativeFloor * m * m;
     FilmRows rows(film);
     PixelPairs pixel(r_count);
-    DifferenceVariance difference(pixel, r_count, film.width());
+    DifferenceVariance difference(pixel, r_count, film.width(), film.has_light_layer());
     for (int y = 0; y < film.height() && possible; ++y) {
         rows.advance(y);
         for (int x = 0; x < film.width(); ++x) {
             pixel.set(rows, windows, {x, y}, floor);
             RegionSums& region = regions.at(x, y);
             region.add(rows, pixel, x);
+            if (film.has_light_layer()) region.add_light(rows, pixel, difference, film, x);
             const auto [relative, absolute] = difference.of(pixel, x, y);
             region.relative_variance.add(relative);
             region.absolute_variance.add(absolute);
@@ -176,6 +215,7 @@ std::vector<TileEstimate> estimate_tiles(const Film& film, int edge) {
         }
         regions.end_row(y);
     }
+    regions.close();
     std::vector<TileEstimate> result;
     const std::uint64_t look = possible ? film.plan().look_number(film.spp()) : 0;
     for (std::size_t i = 0; i < regions.sums().size(); ++i) {

@@ -29,6 +29,7 @@ struct ErrorEstimate {
     std::uint64_t look = 0;         ///< number of this look in its run, from 1: Plan::look_number
     double log_deviation = 0.0;     ///< standard deviation of log(realised / estimated relMSE)
     double effective_pixels = 0.0;  ///< (sum V)^2 / sum V^2 over the pixels' variances of D
+    double least_freedom = 3.0;     ///< of Student's t: one pixel alone still has its replicates
     double rmse_log_deviation = 0.0;  ///< the same two for rmse_percent
     double rmse_effective_pixels = 0.0;
     std::array<double, 3> mean{};                 ///< of I

@@ -75,31 +75,49 @@ std::vector<std::uint32_t> Film::missing(std::uint64_t spp) const {
     return found;
 }
 
-void Film::add(const ChunkFilm& part) {
-    const Chunk& c = part.chunk();
+void ChunkFilm::begin_splats(std::uint64_t paths) {
+    splats_.resize(std::size_t(chunk_.replicates()) + (layout_.has_lobes() ? kSplatLobes : 0));
+    light_paths_ = paths;
+}
+
+/// Throws unless the chunk is the one that comes next.
+void Film::check(const ChunkFilm& part) const {
+    const std::uint32_t index = part.chunk().index;
+    const auto refuse = [](const char* code, const std::string& why) {
+        throw SceneError(code, why);
+    };
+    const std::string chunk = "chunk " + std::to_string(index);
     if (part.plan() != plan_)
-        throw SceneError("chunk_of_another_film", "the chunk belongs to a film of " +
-                                                      describe(part.plan()) + ", this one is " +
-                                                      describe(plan_));
-    if (merged_)
-        throw SceneError("film_is_merged", "a film merged from several seeds cannot be continued");
-    const std::uint32_t expected = next_chunk(int(c.index % std::uint32_t(plan_.strips())));
-    if (adaptive_ && c.index == expected && !adaptive_->wants(c.index, plan_))
-        throw SceneError("chunk_out_of_order",
-                         "chunk " + std::to_string(c.index) + " was given before its tile's turn");
-    if (c.index != expected)
-        throw SceneError("chunk_out_of_order", "chunk " + std::to_string(c.index) +
-                                                   " was given where chunk " +
-                                                   std::to_string(expected) + " is next");
-    if (part.layout().set() != layout_.set()) {
-        if (std::any_of(counts_.begin(), counts_.end(), [](std::uint32_t n) { return n != 0; }))
-            throw SceneError("chunk_of_another_film",
-                             "the chunk has other layers than the film: render both with the same "
-                             "film.aovs");
-        set_layers(part.layout().set());
-    }
+        refuse("chunk_of_another_film", "the chunk belongs to a film of " + describe(part.plan()) +
+                                            ", this one is " + describe(plan_));
+    if (merged_) refuse("film_is_merged", "a film merged from several seeds cannot be continued");
+    const std::uint32_t expected = next_chunk(int(index % std::uint32_t(plan_.strips())));
+    if (adaptive_ && index == expected && !adaptive_->wants(index, plan_))
+        refuse("chunk_out_of_order", chunk + " was given before its tile's turn");
+    if (index != expected)
+        refuse("chunk_out_of_order",
+               chunk + " was given where chunk " + std::to_string(expected) + " is next");
+    if (part.layout().set() != layout_.set() && !empty())
+        refuse("chunk_of_another_film",
+               "the chunk has other layers than the film: render both with the same film.aovs");
+    if (part.has_splats() != has_light_layer() && !empty())
+        refuse("chunk_of_another_film",
+               "the chunk has light of paths from the lights and the film has none, or the other "
+               "way round");
+    if (part.has_splats() && !in_order(index))
+        refuse("chunk_out_of_order",
+               chunk +
+                   " was given before its turn: chunks with a light layer are added in plan "
+                   "order");
+}
+
+void Film::add(const ChunkFilm& part) {
+    check(part);
+    const Chunk& c = part.chunk();
+    if (part.layout().set() != layout_.set()) set_layers(part.layout().set());
     add_sums(part);
     add_aovs(part);
+    if (part.has_splats()) add_splats(part);
     work_ += part.work();
     provenance_ += part.provenance();
     Cuts& cuts = cuts_[c.index % std::uint32_t(plan_.strips())];
@@ -195,6 +213,8 @@ std::vector<double> Film::aov(Aov aov) const {
             for (int c = 0; c < info.channels; ++c)
                 to[c] += aov_sum(half, pixel, layout_.offset(aov) + c) / n;
         }
+        for (int c = 0; c < info.channels && has_light_layer(); ++c)
+            to[c] += light_of(aov, pixel, c);
         if (info.mean == AovMean::kSamples) continue;
         using Limits = std::numeric_limits<double>;
         const double nothing = aov == Aov::kDepth ? Limits::infinity() : Limits::quiet_NaN();
@@ -203,12 +223,76 @@ std::vector<double> Film::aov(Aov aov) const {
     return out;
 }
 
+bool Film::empty() const {
+    return std::all_of(counts_.begin(), counts_.end(), [](std::uint32_t n) { return n == 0; });
+}
+
+bool Film::in_order(std::uint32_t index) const {
+    if (adaptive_) return adaptive_->is_next(index);
+    const auto strips = std::uint32_t(plan_.strips());
+    const auto is_here = [&](std::uint32_t i) { return next_chunk(int(i % strips)) > i; };
+    return !is_here(index) && (index == 0 || is_here(index - 1));
+}
+
+void Film::add_splats(const ChunkFilm& part) {
+    const Chunk& c = part.chunk();
+    const int planes = light_planes(replicates(), plan_.halves(), layout_.set());
+    if (light_sums_.empty())
+        light_sums_.resize(std::size_t(planes) * counts_.size() * kSplatChannels, 0.0);
+    const int half = c.r0 == 0 ? 0 : 1;
+    light_paths_[std::size_t(half)] += part.light_paths();
+    for (std::size_t k = 0; k < part.splats().size(); ++k) {
+        const int lobe = int(k) - c.replicates();
+        const int plane = lobe < 0 ? c.r0 + int(k) : replicates() + half * kSplatLobes + lobe;
+        const SplatSums& from = part.splats()[k];
+        for (std::size_t i = 0; i < from.pixels().size(); ++i) {
+            const auto at = std::size_t(plane) * counts_.size() + from.pixels()[i];
+            for (std::size_t ch = 0; ch < kSplatChannels; ++ch)
+                light_sums_[at * kSplatChannels + ch] += from.sums()[i][ch];
+        }
+    }
+}
+
+/// Mean of what came by diffuse lobes (0) or transmission (1); the halves of an adaptive film weigh
+/// the same.
+double Film::light_lobe(int lobe, std::size_t pixel, int channel) const {
+    double total = 0.0;
+    for (int half = 0; half < plan_.halves(); ++half) {
+        const auto n = double(light_paths(half)) * double(replicates());
+        const int plane = replicates() + half * kSplatLobes + lobe;
+        if (n > 0.0) total += light_plane(plane, pixel, channel) / n;
+    }
+    return total;
+}
+
+/// The light layer's part of a layer of the film: it is all indirect.
+double Film::light_of(Aov aov, std::size_t pixel, int channel) const {
+    switch (aov) {
+        case Aov::kIndirect:
+            return light_mean(pixel, channel, -1);
+        case Aov::kDiffuse:
+            return light_lobe(0, pixel, channel);
+        case Aov::kTransmission:
+            return light_lobe(1, pixel, channel);
+        case Aov::kSpecular:
+            return std::max(light_mean(pixel, channel, -1) - light_lobe(0, pixel, channel) -
+                                light_lobe(1, pixel, channel),
+                            0.0);
+        default:
+            return 0.0;
+    }
+}
+
 void Film::merge(const Film& other) {
     if (other.plan_ != plan_)
         throw SceneError("films_do_not_match", "the other film is " + describe(other.plan_) +
                                                    ", this one is " + describe(plan_));
     if (other.layout_.set() != layout_.set())
         throw SceneError("films_do_not_match", "the films have other layers beside the light");
+    if (other.has_light_layer() != has_light_layer())
+        throw SceneError("films_do_not_match", "one film has light of paths from the lights");
+    for (std::size_t i = 0; i < light_sums_.size(); ++i) light_sums_[i] += other.light_sums_[i];
+    for (std::size_t h = 0; h < light_paths_.size(); ++h) light_paths_[h] += other.light_paths_[h];
     for (std::size_t i = 0; i < sums_.size(); ++i) sums_[i] += other.sums_[i];
     const auto channels = std::size_t(layout_.channels());
     for (std::size_t i = 0; i < aovs_.size(); ++i)  // the first film's first sample stays

@@ -2,8 +2,12 @@
 // Chunks are added tile by tile in plan order as a left fold in double, so the sums of a given spp
 // have the same bits for any number of threads, processes, kills and restarts. In an adaptive film
 // the halves of the replicates have sample counts of their own and each is averaged by itself.
+// A film may have a second layer of light that paths from the lights brought (splats.h): sums of
+// three colours per pixel and replicate, over the paths of a replicate. Its chunks are added in
+// plan order, whatever the tile, as a light path may reach any pixel.
 #pragma once
 
+#include <array>
 #include <cstddef>
 #include <cstdint>
 #include <optional>
@@ -16,6 +20,7 @@
 #include "film/cut_energy.h"
 #include "film/outliers.h"
 #include "film/plan.h"
+#include "film/splats.h"
 
 namespace matiere {
 
@@ -69,6 +74,15 @@ class ChunkFilm {
     const AovLayout& layout() const { return layout_; }
     std::span<const double> aovs() const { return aovs_; }  ///< [y][x][channel of the layout]
 
+    /// Begins the light layer: `paths` of every replicate belong to this chunk.
+    void begin_splats(std::uint64_t paths);
+    bool has_splats() const { return !splats_.empty(); }
+    /// [r - r0]; where the film tells lobes apart, then what of all came by diffuse lobes, and what
+    /// by transmission.
+    std::vector<SplatSums>& splats() { return splats_; }
+    const std::vector<SplatSums>& splats() const { return splats_; }
+    std::uint64_t light_paths() const { return light_paths_; }  ///< of each replicate
+
     /// Self-describing little-endian bytes with a CRC-64 at the end.
     std::vector<std::byte> to_bytes() const;
     /// Throws SceneError in words when the bytes are damaged, cut short or of another version.
@@ -80,6 +94,8 @@ class ChunkFilm {
     AovLayout layout_;
     std::vector<double> sums_, aovs_;
     std::vector<std::uint32_t> counts_;
+    std::vector<SplatSums> splats_;
+    std::uint64_t light_paths_ = 0;
     Work work_;
     Provenance provenance_;
     Cuts cuts_;
@@ -112,8 +128,8 @@ class Film {
     /// Chunks to be added next on the way to `spp`: all of them, or of an adaptive film those that
     /// are decided. Empty when the film is there.
     std::vector<std::uint32_t> missing(std::uint64_t spp) const;
-    /// Adds the next chunk of a strip; throws SceneError for any other chunk, leaving the film as
-    /// is.
+    /// Adds the next chunk of a strip, of a film with a light layer the next of all; throws
+    /// SceneError for any other chunk, leaving the film as is.
     void add(const ChunkFilm& chunk);
     /// Adds a film of other seeds, replicate by replicate: the replicates stay independent and
     /// alike. Sizes and replicates must agree. The caller vouches that no seed occurs twice.
@@ -130,12 +146,39 @@ class Film {
         const std::uint32_t first = first_counts_[pixel];
         return r < replicates() / 2 ? first : counts_[pixel] - first;
     }
+    /// Whether paths from the lights took part.
+    bool has_light_layer() const { return !light_sums_.empty(); }
+    std::span<const double> light_sums() const {  ///< [replicate][y][x][c]
+        const auto size = std::size_t(replicates()) * counts_.size() * kSplatChannels;
+        return std::span(light_sums_).first(has_light_layer() ? size : 0);
+    }
+    /// Light paths of each replicate of a half; halves are alike but in an adaptive film.
+    std::uint64_t light_paths(int half = 0) const { return light_paths_[std::size_t(half)]; }
+    /// Whether `index` may be added now as far as the order of a light layer is concerned.
+    bool in_order(std::uint32_t index) const;
+
     /// What is decided about the samples to come; nothing but in an adaptive film of one seed.
     const std::optional<AdaptiveState>& adaptive() const { return adaptive_; }
 
     /// Mean of one replicate, or of all with r = -1; zeros where there is no sample. The halves of
     /// an adaptive film weigh the same whatever their counts.
     double mean(std::size_t pixel, int channel, int r) const {
+        const double camera = camera_mean(pixel, channel, r);
+        return has_light_layer() ? camera + light_mean(pixel, channel, r) : camera;
+    }
+    /// The light layer's part of the mean.
+    double light_mean(std::size_t pixel, int channel, int r) const {
+        if (!has_light_layer() || channel >= kSplatChannels) return 0.0;
+        if (r >= 0) {
+            const auto n = double(light_paths(plan_.adaptive() && r >= replicates() / 2 ? 1 : 0));
+            return n == 0.0 ? 0.0 : light_plane(r, pixel, channel) / n;
+        }
+        double total = 0.0;
+        for (int i = 0; i < replicates(); ++i) total += light_mean(pixel, channel, i);
+        return total / double(replicates());
+    }
+    /// The camera paths' part of the mean.
+    double camera_mean(std::size_t pixel, int channel, int r) const {
         const int share = replicates() / plan_.halves();
         if (r >= 0) {
             const double n = double(count(pixel, r));
@@ -161,9 +204,11 @@ class Film {
     std::vector<std::byte> to_bytes() const;
     static Film from_bytes(std::span<const std::byte> bytes);
 
-    static std::size_t bytes_per_pixel(int replicates, bool adaptive = false, AovSet aovs = 0) {
-        const int values =
-            replicates * kFilmChannels + AovLayout(aovs).channels() * (adaptive ? 2 : 1);
+    static std::size_t bytes_per_pixel(int replicates, bool adaptive = false, AovSet aovs = 0,
+                                       bool light_layer = false) {
+        const int planes = light_layer ? light_planes(replicates, adaptive ? 2 : 1, aovs) : 0;
+        const int values = replicates * kFilmChannels + planes * kSplatChannels +
+                           AovLayout(aovs).channels() * (adaptive ? 2 : 1);
         return std::size_t(values) * sizeof(double) + (adaptive ? 2 : 1) * sizeof(std::uint32_t);
     }
 
@@ -181,6 +226,19 @@ class Film {
         return aovs_[(std::size_t(half) * counts_.size() + pixel) * channels +
                      std::size_t(channel)];
     }
+    /// Planes of the light layer: the replicates, then two of lobes for each half.
+    static int light_planes(int replicates, int halves, AovSet aovs) {
+        return replicates + (AovLayout(aovs).has_lobes() ? kSplatLobes * halves : 0);
+    }
+    double light_plane(int plane, std::size_t pixel, int channel) const {
+        const auto at = std::size_t(plane) * counts_.size() + pixel;
+        return light_sums_[at * kSplatChannels + std::size_t(channel)];
+    }
+    double light_lobe(int lobe, std::size_t pixel, int channel) const;
+    double light_of(Aov aov, std::size_t pixel, int channel) const;
+    void check(const ChunkFilm& part) const;
+    void add_splats(const ChunkFilm& part);
+    bool empty() const;
     void check_counts() const;
     void restore(AdaptiveState::Record record);
 
@@ -189,6 +247,8 @@ class Film {
     std::vector<double> sums_;
     std::vector<double> aovs_;  ///< [half of the replicates][y][x][channel of the layout]
     std::vector<std::uint32_t> counts_, first_counts_;
+    std::vector<double> light_sums_;              ///< [plane][y][x][c], see light_planes
+    std::array<std::uint64_t, 2> light_paths_{};  ///< by half
     std::optional<AdaptiveState> adaptive_;
     Work work_;
     Provenance provenance_;

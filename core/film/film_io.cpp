@@ -16,7 +16,8 @@ static_assert(std::endian::native == std::endian::little);
 
 constexpr std::uint64_t kChunkMagic = 0x314b4e4843544d89ULL;  // 0x89 "MTCHNK1"
 constexpr std::uint64_t kFilmMagic = 0x314d4c4946544d89ULL;   // 0x89 "MTFILM1"
-constexpr std::uint32_t kByteVersion = 4;  // 1 has no provenance, 2 no cuts, 3 no layers
+constexpr std::uint32_t kByteVersion = 4;   // 1 has no provenance, 2 no cuts, 3 no layers
+constexpr std::uint32_t kLayerVersion = 5;  // 4 with a light layer at the end
 
 constexpr std::array<std::uint64_t, 256> make_crc_table() {
     std::array<std::uint64_t, 256> table{};
@@ -69,10 +70,10 @@ class Reader {
         if (bytes.size() < 3 * sizeof(std::uint64_t)) damaged("they are cut short");
         if (get<std::uint64_t>() != magic) damaged("they do not begin as a film or chunk does");
         version_ = get<std::uint32_t>();
-        if (version_ > kByteVersion)
+        if (version_ > kLayerVersion)
             throw SceneError("newer_film", "the film was written by a newer matiere (format " +
                                                std::to_string(version_) + ", this one reads " +
-                                               std::to_string(kByteVersion) + ")");
+                                               std::to_string(kLayerVersion) + ")");
         std::uint64_t stored = 0;
         const std::size_t body = bytes.size() - sizeof stored;
         std::memcpy(&stored, bytes.data() + body, sizeof stored);
@@ -106,9 +107,9 @@ class Reader {
     std::uint32_t version_ = 0;
 };
 
-void put_head(Writer& out, std::uint64_t magic, const Plan& plan) {
+void put_head(Writer& out, std::uint64_t magic, const Plan& plan, bool light_layer) {
     out.put(magic);
-    out.put(kByteVersion);
+    out.put(light_layer ? kLayerVersion : kByteVersion);
     const int version = plan.adaptive() ? Plan::kAdaptiveVersion : Plan::kVersion;
     for (const int n : {version, plan.width(), plan.height(), plan.replicates()})
         out.put(std::int32_t(n));
@@ -215,6 +216,30 @@ void put_record(Writer& out, const AdaptiveState::Record& record) {
     out.put_all(std::span<const std::uint64_t>(record.rays));
 }
 
+void put_splats(Writer& out, const std::vector<SplatSums>& splats, std::uint64_t paths) {
+    out.put(paths);
+    for (const SplatSums& s : splats) {
+        out.put(std::uint64_t(s.pixels().size()));
+        out.put_all(std::span<const std::uint32_t>(s.pixels()));
+        out.put_all(std::span<const SplatSums::Value>(s.sums()));
+    }
+}
+
+void get_splats(Reader& in, SplatSums& splats, std::uint32_t pixels) {
+    const auto size = in.get<std::uint64_t>();
+    if (size > in.left() / (sizeof(std::uint32_t) + sizeof(SplatSums::Value)))
+        damaged("they are cut short");
+    std::vector<std::uint32_t> at(size);
+    std::vector<SplatSums::Value> values(size);
+    in.get_all(std::span<std::uint32_t>(at));
+    in.get_all(std::span<SplatSums::Value>(values));
+    for (std::size_t i = 0; i < size; ++i) {
+        if (at[i] >= pixels) damaged("a splat lies outside the film");
+        splats.add(at[i], values[i]);
+    }
+    if (splats.pixels().size() != size) damaged("a pixel has two splats");
+}
+
 AdaptiveState::Record get_record(Reader& in, const Plan& plan) {
     AdaptiveState::Record record;
     in.get_all(std::span<double>(record.floors));
@@ -231,7 +256,7 @@ AdaptiveState::Record get_record(Reader& in, const Plan& plan) {
 
 std::vector<std::byte> ChunkFilm::to_bytes() const {
     Writer out(sums_.size() * sizeof(double) + counts_.size() * sizeof(std::uint32_t) + 4096);
-    put_head(out, kChunkMagic, plan_);
+    put_head(out, kChunkMagic, plan_, has_splats());
     out.put(chunk_.index);
     put_work(out, work_);
     put_provenance(out, provenance_);
@@ -240,6 +265,7 @@ std::vector<std::byte> ChunkFilm::to_bytes() const {
     out.put_all(counts());
     out.put_all(sums());
     out.put_all(aovs());
+    if (has_splats()) put_splats(out, splats_, light_paths_);
     return out.finish();
 }
 
@@ -258,6 +284,11 @@ ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
     in.get_all(std::span<std::uint32_t>(part.counts_));
     in.get_all(std::span<double>(part.sums_));
     in.get_all(std::span<double>(part.aovs_));
+    if (in.version() >= kLayerVersion) {
+        part.begin_splats(in.get<std::uint64_t>());
+        const auto pixels = std::uint32_t(plan.width()) * std::uint32_t(plan.height());
+        for (SplatSums& splats : part.splats_) get_splats(in, splats, pixels);
+    }
     in.end();
     const std::uint64_t expected = (part.chunk_.s1 - part.chunk_.s0) / std::uint64_t(plan.halves());
     for (const auto n : part.counts_)
@@ -267,7 +298,7 @@ ChunkFilm ChunkFilm::from_bytes(std::span<const std::byte> bytes) {
 
 std::vector<std::byte> Film::to_bytes() const {
     Writer out(sums_.size() * sizeof(double) + counts_.size() * sizeof(std::uint32_t) + 4096);
-    put_head(out, kFilmMagic, plan_);
+    put_head(out, kFilmMagic, plan_, has_light_layer());
     out.put(std::uint32_t(merged_));
     put_work(out, work_);
     put_provenance(out, provenance_);
@@ -277,6 +308,10 @@ std::vector<std::byte> Film::to_bytes() const {
     out.put_all(std::span<const double>(sums_));
     out.put_all(first_counts());
     out.put_all(std::span<const double>(aovs_));
+    if (has_light_layer()) {
+        out.put(light_paths_);
+        out.put_all(std::span<const double>(light_sums_));
+    }
     if (adaptive_) put_record(out, adaptive_->record());
     return out.finish();
 }
@@ -291,7 +326,10 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     get_cuts(in, cuts);
     const std::size_t pixels = std::size_t(plan.width()) * std::size_t(plan.height());
     const AovSet layers = get_layers(in);
-    const std::size_t size = pixels * bytes_per_pixel(plan.replicates(), plan.adaptive(), layers);
+    const bool lit = in.version() >= kLayerVersion;
+    const std::size_t size =
+        pixels * bytes_per_pixel(plan.replicates(), plan.adaptive(), layers, lit) +
+        (lit ? sizeof(light_paths_) : 0);
     if (plan.adaptive() ? in.left() < size : in.left() != size) damaged("their length is wrong");
     Film film(plan);
     film.merged_ = merged != 0;
@@ -303,6 +341,12 @@ Film Film::from_bytes(std::span<const std::byte> bytes) {
     in.get_all(std::span<std::uint32_t>(film.first_counts_));
     film.set_layers(layers);
     in.get_all(std::span<double>(film.aovs_));
+    if (lit) {
+        film.light_paths_ = in.get<decltype(film.light_paths_)>();
+        const int planes = light_planes(plan.replicates(), plan.halves(), layers);
+        film.light_sums_.resize(pixels * std::size_t(planes) * kSplatChannels);
+        in.get_all(std::span<double>(film.light_sums_));
+    }
     film.check_counts();
     if (film.merged_)
         film.adaptive_.reset();

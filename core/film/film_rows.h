@@ -7,6 +7,7 @@
 #include <cstddef>
 #include <vector>
 
+#include "base/numeric.h"
 #include "film/film.h"
 
 namespace matiere {
@@ -20,6 +21,10 @@ class FilmRows {
         for (Row& row : ring_) {
             row.replicates.resize(std::size_t(film.replicates()) * width_ * kC);
             row.moments.resize(width_ * kMoments);
+            if (film.has_light_layer()) {
+                row.light.resize(row.replicates.size());
+                row.light_variance.resize(width_ * kC);
+            }
         }
         column_.resize(width_ * kMoments);
         smooth_.resize(width_ * kMoments);
@@ -39,6 +44,11 @@ class FilmRows {
     }
     const double* mean(int x) const { return &row(y_).moments[std::size_t(x) * kMoments]; }
     const double* variance(int x) const { return mean(x) + kC; }
+    /// The light layer's part of replicate(r, x); null without one.
+    const double* light(int r, int x) const {
+        if (row(y_).light.empty()) return nullptr;
+        return &row(y_).light[(std::size_t(r) * width_ + std::size_t(x)) * kC];
+    }
     /// S, its variance, and the number of pixels it averages.
     const double* smooth(int x) const { return &smooth_[std::size_t(x) * kMoments]; }
     const double* smooth_variance(int x) const { return smooth(x) + kC; }
@@ -51,8 +61,9 @@ class FilmRows {
     static constexpr std::size_t kMoments = 2 * kC;
 
     struct Row {
-        std::vector<double> replicates;  ///< [r][x][c]
-        std::vector<double> moments;     ///< [x][mean R, G, B, variance R, G, B]
+        std::vector<double> replicates;             ///< [r][x][c]
+        std::vector<double> moments;                ///< [x][mean R, G, B, variance R, G, B]
+        std::vector<double> light, light_variance;  ///< of the light layer: [r][x][c], [x][c]
     };
     const Row& row(int y) const { return ring_[std::size_t(y % kRows)]; }
 
@@ -73,10 +84,50 @@ class FilmRows {
                     const double d = to.replicates[(std::size_t(r) * width_ + x) * kC + c] - mean;
                     squares += d * d;
                 }
+                if (film_.has_light_layer()) load_light(to, x, c, first + x);
                 to.moments[x * kMoments + c] = mean;
                 to.moments[x * kMoments + kC + c] =
                     r_count > 1 ? squares / (double(r_count) * double(r_count - 1)) : 0.0;
             }
+    }
+
+    /// Variance of the mean of replicates that f(r) gives.
+    template <class F>
+    double spread(F&& f) const {
+        const auto n = double(film_.replicates());
+        double sum = 0.0, squares = 0.0;
+        for (int r = 0; r < film_.replicates(); ++r) sum += f(r);
+        for (int r = 0; r < film_.replicates(); ++r) squares += sqr(f(r) - sum / n);
+        return n > 1.0 ? squares / (n * (n - 1.0)) : 0.0;
+    }
+
+    void load_light(Row& to, std::size_t x, std::size_t c, std::size_t pixel) {
+        const auto at = [&](int r) -> double& {
+            return to.light[(std::size_t(r) * width_ + x) * kC + c];
+        };
+        for (int r = 0; r < film_.replicates(); ++r) at(r) = film_.light_mean(pixel, int(c), r);
+        to.light_variance[x * kC + c] = spread(at);
+    }
+
+    /// Pixels share their light paths: how much noise is common is told by the replicates of the
+    /// whole window, not by its pixels.
+    void average_light(int x0, int x1, int y0, int y1, int x) {
+        for (std::size_t c = 0; c < kC; ++c) {
+            double single = 0.0;
+            for (int y = y0; y <= y1; ++y)
+                for (int u = x0; u <= x1; ++u)
+                    single += row(y).light_variance[std::size_t(u) * kC + c];
+            const double n = window_[std::size_t(x)];
+            const double common = spread([&](int r) {
+                double sum = 0.0;
+                for (int y = y0; y <= y1; ++y)
+                    for (int u = x0; u <= x1; ++u)
+                        sum += row(y).light[(std::size_t(r) * width_ + std::size_t(u)) * kC + c];
+                return sum / n;
+            });
+            double& variance = smooth_[std::size_t(x) * kMoments + kC + c];
+            variance = std::max(variance - single / (n * n), 0.0) + common;
+        }
     }
 
     void average() {
@@ -93,6 +144,7 @@ class FilmRows {
                 for (int u = x0; u <= x1; ++u) sum += column_[std::size_t(u) * kMoments + m];
                 smooth_[std::size_t(x) * kMoments + m] = sum / (m < kC ? n : n * n);
             }
+            if (film_.has_light_layer()) average_light(x0, x1, y0, y1, x);
         }
     }
 

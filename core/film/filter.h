@@ -4,6 +4,8 @@
 #pragma once
 
 #include <array>
+#include <cmath>
+#include <cstddef>
 #include <cstdint>
 #include <string_view>
 #include <vector>
@@ -31,6 +33,18 @@ class Filter {
 
     /// Offset from the pixel centre, in pixels, for uniform u in [0,1)^2; monotone in each u.
     Vec2f sample(Vec2f u) const { return {sample_1d(u.x), sample_1d(u.y)}; }
+
+    /// Density of one axis of `sample` at offset x, per pixel: what a light path that arrives there
+    /// gives to the pixel. Constant inside a cell of the table, as the samples are.
+    float weight(float x) const {
+        const float t = std::abs(x) / radius_;
+        if (!(t < 1.0F)) return 0.0F;
+        if (kind_ == FilterKind::kBox) return 0.5F / radius_;
+        if (kind_ == FilterKind::kTent) return (1.0F - t) / radius_;
+        const float cells = float(cdf_.size() - 1);
+        const auto cell = std::size_t(t * cells);
+        return (cdf_[cell + 1] - cdf_[cell]) * cells * 0.5F / radius_;
+    }
 
     /// Normalised density of one axis at offset x, per pixel.
     double density(double x) const;

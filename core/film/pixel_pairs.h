@@ -34,12 +34,13 @@ class PixelPairs {
     struct Pair {
         int i, j;
         std::array<double, kC> difference, weight, root_weight;
-        double scale_noise;  ///< see scale_noise() below
+        std::array<double, kC> light;  ///< the light layer's part of the difference
+        double scale_noise;            ///< see scale_noise() below
     };
 
     explicit PixelPairs(int replicates) : replicates_(replicates) {
         for (int i = 0; i < replicates; ++i)
-            for (int j = i + 1; j < replicates; ++j) pairs_.push_back({i, j, {}, {}, {}, 0.0});
+            for (int j = i + 1; j < replicates; ++j) pairs_.push_back({i, j, {}, {}, {}, {}, 0.0});
     }
 
     const std::vector<Pair>& pairs() const { return pairs_; }
@@ -52,11 +53,13 @@ class PixelPairs {
             near[c] = local_scale(rows, windows, at, c, -1);
         // A larger window has less noise, which more of the 5 x 5 blocks share.
         const double wide = level < 0 ? 1.0 : WindowPyramid::side(level) / kSmoothSide;
+        const bool layered = rows.light(0, at.x) != nullptr;
         for (Pair& p : pairs_) {
             p.scale_noise = 0.0;
             for (std::size_t c = 0; c < kC; ++c) {
                 const double a = rows.replicate(p.i, at.x)[c], b = rows.replicate(p.j, at.x)[c];
                 p.difference[c] = a - b;
+                if (layered) p.light[c] = rows.light(p.i, at.x)[c] - rows.light(p.j, at.x)[c];
                 double s = scales[c].without_pair(a + b, replicates_);
                 double variance = scales[c].variance, shared = wide;
                 const double least = level < 0 ? s : near[c].least_without(a + b, replicates_);
@@ -169,20 +172,26 @@ class PixelPairs {
     std::vector<Pair> pairs_;
 };
 
-/// Sum over channels c, c' of w_c w_c' C_cc'^2 without bias from two independent estimates of the
-/// covariance C, each half the outer product of one pair's difference.
-inline double covariance_product(const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-    double dot = 0.0;
-    for (std::size_t c = 0; c < PixelPairs::kC; ++c)
-        dot += a.root_weight[c] * b.root_weight[c] * a.difference[c] * b.difference[c];
-    return 0.25 * dot * dot;
-}
+/// Of two pairs of disjoint replicates: relative and plain product of what two layers of them
+/// differ by, summed over channels.
+struct PairProduct {
+    double relative = 0.0, plain = 0.0;
+};
+enum class FilmLayer { kAll, kCamera, kLight };
 
-/// The same with all weights 1.
-inline double plain_covariance_product(const PixelPairs::Pair& a, const PixelPairs::Pair& b) {
-    double dot = 0.0;
-    for (std::size_t c = 0; c < PixelPairs::kC; ++c) dot += a.difference[c] * b.difference[c];
-    return 0.25 * dot * dot;
+inline PairProduct pair_product(const PixelPairs::Pair& a, FilmLayer of_a,
+                                const PixelPairs::Pair& b, FilmLayer of_b) {
+    const auto part = [](const PixelPairs::Pair& p, FilmLayer layer, std::size_t c) {
+        if (layer == FilmLayer::kAll) return p.difference[c];
+        return layer == FilmLayer::kLight ? p.light[c] : p.difference[c] - p.light[c];
+    };
+    PairProduct sum;
+    for (std::size_t c = 0; c < PixelPairs::kC; ++c) {
+        const double of_first = part(a, of_a, c), of_second = part(b, of_b, c);
+        sum.relative += a.root_weight[c] * b.root_weight[c] * of_first * of_second;
+        sum.plain += of_first * of_second;
+    }
+    return sum;
 }
 
 }  // namespace matiere

@@ -63,9 +63,10 @@ class StripMoments {
         Moments m;
         for (std::size_t c = 0; c < kC; ++c) {
             for (int r = chunk_.r0; r < chunk_.r1; ++r)
-                m.mean[c] += film.mean(pixel, int(c), r) / n;
+                m.mean[c] += film.camera_mean(pixel, int(c), r) / n;
             for (int r = chunk_.r0; r < chunk_.r1; ++r)
-                m.variance[c] += sqr(film.mean(pixel, int(c), r) - m.mean[c]) / (n * (n - 1.0));
+                m.variance[c] +=
+                    sqr(film.camera_mean(pixel, int(c), r) - m.mean[c]) / (n * (n - 1.0));
         }
         return m;
     }

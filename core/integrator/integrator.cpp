@@ -19,6 +19,13 @@ bool picked(const SampleId& id, std::uint64_t seed) {
 
 }  // namespace
 
+const LightLayer* light_layer(const Scene& scene, const PathSettings& settings) {
+    if (settings.light_tracing == LightTracing::kOff) return nullptr;
+    if (settings.max_depth == 0 || settings.max_depth == 1) return nullptr;  // its paths have two
+    const LightLayer& layer = scene.light_layer(settings.light_tracing == LightTracing::kOn);
+    return layer.empty() ? nullptr : &layer;
+}
+
 PathIntegrator::PathIntegrator(const Scene& scene, const PathSettings& settings)
     : scene_(&scene),
       settings_(settings),
@@ -26,6 +33,7 @@ PathIntegrator::PathIntegrator(const Scene& scene, const PathSettings& settings)
       kernel_(&kernel_for(scene.features(), settings)) {
     unlimited_.max_depth = -1;
     unlimited_.threshold = 0;
+    if (light_layer(scene, settings) == nullptr) unlimited_.light_tracing = LightTracing::kOff;
 }
 
 PathResult PathIntegrator::sample(const SampleId& id, Counters& counters) const {

@@ -10,10 +10,18 @@
 
 namespace matiere {
 
+class LightLayer;
 class Scene;
 
 /// Which techniques find light; all three have the same mean, the tests compare them.
 enum class Strategy { kMis, kLightOnly, kBsdfOnly };
+
+/// Whether paths from the lights find light that paths from the camera find badly or not at all.
+enum class LightTracing {
+    kOff,
+    kAuto,  ///< points, directions, and small lamps where they are hard to find
+    kOn     ///< every lamp
+};
 
 struct PathSettings {
     std::uint64_t seed = 0;
@@ -25,7 +33,11 @@ struct PathSettings {
     float threshold = 0;
     int kernel = -1;  ///< index in `kernels()`; -1: the smallest that covers the scene
     AovSet aovs = 0;  ///< layers of the film beside its light
+    LightTracing light_tracing = LightTracing::kOff;
 };
+
+/// What paths from the lights are to find; null where there are none.
+const LightLayer* light_layer(const Scene& scene, const PathSettings& settings);
 
 struct PathResult {
     Spectrumf L;      ///< W/m^2/sr

@@ -32,6 +32,8 @@ std::span<const Kernel> kernels() { return kKernels; }
 Features needed(Features of_scene, const PathSettings& settings) {
     Features f = of_scene & kKernelFeatures;
     if (!settings.guide_caustics) f &= ~kNeedsGuide;
+    if (settings.light_tracing == LightTracing::kOff) f &= ~kNeedsLightLayer;
+    if (settings.light_tracing == LightTracing::kOn) f |= kNeedsLightLayer;
     return f;
 }
 

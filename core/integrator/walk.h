@@ -9,6 +9,7 @@
 #include "integrator/aov_layers.h"
 #include "integrator/guided_bsdf.h"
 #include "integrator/integrator.h"
+#include "integrator/layer_split.h"
 #include "integrator/medium.h"
 #include "integrator/path_record.h"
 #include "integrator/ray_cone.h"
@@ -51,6 +52,7 @@ class Walk {
           record_(record),
           cone_(scene.camera().footprint()) {
         if constexpr (kInteriors) interior_ = scene.camera_interior();
+        if constexpr (kLayered) layer_.layer = light_layer(scene, settings);
     }
 
     PathResult run(Ray ray) {
@@ -101,6 +103,7 @@ class Walk {
     static constexpr bool kRecording = has(F, kRecords);
     static constexpr bool kCollecting = has(F, kCollects);
     static constexpr bool kTextured = has(F, kNeedsTextures);
+    static constexpr bool kLayered = has(F, kNeedsLightLayer);
     using BsdfHere = BsdfFor<F & kKernelFeatures>;
 
     int inside_events() const { return kScattering ? inside_events_ : 0; }
@@ -241,6 +244,8 @@ class Walk {
         const TexturePoint at = kReadsUv<F> ? s.point.texture_point() : TexturePoint{};
         const Spectrumf radiance = scene_.lights().emitted(s.light, at, front);
         if (radiance.is_black()) return;
+        if constexpr (kLayered)
+            if (layer_.owns(s.light)) return;
         const LightHit hit{s.light, s.primitive, s.point.p, s.point.n_g};
         const float pdf = specular_ ? 0 : scene_.lights().pdf(from_, hit);
         const float w = emission_weight(pdf);
@@ -294,6 +299,7 @@ class Walk {
         if constexpr (kCollecting)
             if (depth_ == 0) collect(bsdf, wo, *sample);
         beta_ *= sample->weight;
+        if constexpr (kLayered) layer_.scatter(s.material, sample->lobe, depth_);
         ++depth_;
         specular_ = (sample->lobe & kSpecular) != 0;
         bsdf_pdf_ = sample->pdf;
@@ -326,7 +332,13 @@ class Walk {
 
     const PhotonGuide::Region* hidden_light(const SurfaceHit& s, const BsdfHere& bsdf) const {
         const PhotonGuide* caustics = settings_.guide_caustics ? scene_.caustics() : nullptr;
+        if constexpr (kLayered)
+            if (layer_.begins_wide(depth_)) caustics = caustics_beside_layer();
         return caustics != nullptr && guided(bsdf.lobes()) ? caustics->find(s.point.p) : nullptr;
+    }
+
+    const PhotonGuide* caustics_beside_layer() const {
+        return settings_.guide_caustics ? scene_.caustics_beside_layer() : nullptr;
     }
 
     template <class B>
@@ -345,6 +357,8 @@ class Walk {
     [[gnu::always_inline]] void connect(const SurfaceHit& s, const B& bsdf, Vec3f wo,
                                         const LightSample& light) {
         if (settings_.strategy == Strategy::kBsdfOnly && !light.delta) return;
+        if constexpr (kLayered)
+            if (layer_.owns_from(s.material, light.light)) return;
         const auto value = bsdf.eval(wo, light.wi, counters_);
         if (value.f.is_black()) return;
         const float w = light.delta || settings_.strategy == Strategy::kLightOnly
@@ -477,6 +491,7 @@ class Walk {
     Ray ray_;
     Vec3f from_;  // the last scattering point: densities of light sampling are seen from there
     Spectrumf beta_{1.0F}, L_;
+    [[no_unique_address]] std::conditional_t<kLayered, LayerSplit, NoLayer> layer_;
     float alpha_ = 1, eta_scale_ = 1, bsdf_pdf_ = 0;
     float kept_ = 1;  // with which probability roulette let it live so far
     bool specular_ = true;

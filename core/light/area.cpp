@@ -44,8 +44,13 @@ std::optional<ShapeSample> MeshShape::sample(Vec3f reference, const SampleBlock&
     Vec2f uv1 = uv;
     if (!mesh_->uv1.empty())
         uv1 = mesh_->texcoord1(a) * w0 + mesh_->texcoord1(b) * s.x + mesh_->texcoord1(c) * s.y;
-    return ShapeSample{
-        p, n, error, uv, area_to_solid_angle(pdf_area_[choice.index], p - reference, n), uv1};
+    return ShapeSample{p,
+                       n,
+                       error,
+                       uv,
+                       area_to_solid_angle(pdf_area_[choice.index], p - reference, n),
+                       uv1,
+                       pdf_area_[choice.index]};
 }
 
 float MeshShape::pdf(Vec3f reference, std::uint32_t triangle, Vec3f p, Vec3f n) const {

@@ -19,10 +19,11 @@ namespace matiere {
 /// A point on a light, chosen for a reference point.
 struct ShapeSample {
     Vec3f p, n;
-    Vec3f error;  ///< absolute bound on the rounding of p
-    Vec2f uv;     ///< texture coordinates
-    float pdf;    ///< per solid angle at the reference point
-    Vec2f uv1{};  ///< of the second set; `uv` where the shape has none
+    Vec3f error;         ///< absolute bound on the rounding of p
+    Vec2f uv;            ///< texture coordinates
+    float pdf;           ///< per solid angle at the reference point
+    Vec2f uv1{};         ///< of the second set; `uv` where the shape has none
+    float pdf_area = 0;  ///< per area, of meshes alone
 
     TexturePoint texture_point() const { return {{uv, uv1}, {}}; }
 };

@@ -120,6 +120,7 @@ class LightSet {
              const MaterialTable& materials, float scene_radius, bool tree = true);
 
     bool empty() const { return choice_.empty(); }
+    const Light& operator[](int i) const { return lights_[std::size_t(i)]; }
     int size() const { return int(lights_.size()); }
     int environment_index() const { return environment_index_; }
     /// What light i is: point, spot, luminaire, directional, rectangle, mesh, sphere or

@@ -1,5 +1,6 @@
 #include "render/pass_runner.h"
 
+#include <algorithm>
 #include <utility>
 
 namespace matiere {
@@ -92,12 +93,25 @@ bool PassRunner::take(std::uint32_t& index) {
 void PassRunner::fold(ChunkFilm done) {
     const auto strips = std::uint32_t(film_.plan().strips());
     std::uint32_t index = done.chunk().index;
+    const bool in_plan_order = done.has_splats();
     early_.emplace(index, std::move(done));
+    if (in_plan_order) {
+        for (auto at = next_early(); at != early_.end(); at = next_early()) {
+            film_.add(at->second);
+            early_.erase(at);
+        }
+        return;
+    }
     if (index != film_.next_chunk(int(index % strips))) return;
     for (auto at = early_.find(index); at != early_.end(); at = early_.find(index += strips)) {
         film_.add(at->second);
         early_.erase(at);
     }
+}
+
+std::map<std::uint32_t, ChunkFilm>::iterator PassRunner::next_early() {
+    return std::find_if(early_.begin(), early_.end(),
+                        [this](const auto& chunk) { return film_.in_order(chunk.first); });
 }
 
 void PassRunner::finish(std::optional<ChunkFilm> done, std::exception_ptr error) {

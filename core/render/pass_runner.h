@@ -39,6 +39,8 @@ class PassRunner {
     bool take(std::uint32_t& index);
     void finish(std::optional<ChunkFilm> done, std::exception_ptr error);
     void fold(ChunkFilm done);
+    /// Of chunks with a light layer: the done one that comes next in the plan.
+    std::map<std::uint32_t, ChunkFilm>::iterator next_early();
     bool run_queue(const std::function<void()>& poll, const CancelToken& cancel);
     void wait(const std::function<void()>& poll, const CancelToken& cancel);
 

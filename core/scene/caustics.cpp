@@ -10,6 +10,7 @@
 #include "material/bsdf_for.h"
 #include "sampling/discrete.h"
 #include "sampling/warp.h"
+#include "scene/light_layer.h"
 #include "scene/scene.h"
 
 namespace matiere {
@@ -32,6 +33,7 @@ constexpr float kShadowEnd = 1 - 0x1p-16F;
 struct Landed {
     GuidePhoton photon;
     float radiance;  ///< what a camera path would find in its direction
+    int light;
 };
 
 struct Harvest {
@@ -49,6 +51,7 @@ class Photon {
     void run(SurfaceHit s, float area) {
         const auto light = scene_.lights().sample(s.point.p, block());
         if (!light) return;
+        light_ = light->light;
         const float cosine = std::abs(dot(s.point.n_g, light->wi));
         flux_ = light->weight.luminance() * cosine * area;
         harvest_.irradiance += double(light->weight.luminance() * cosine);
@@ -148,7 +151,7 @@ class Photon {
 
     void land(const SurfaceHit& from, const SurfaceHit& s) {
         if (guided(scene_.materials()[s.material].lobes))
-            harvest_.landed.push_back({{s.point.p, from.point.p, flux_}, radiance_});
+            harvest_.landed.push_back({{s.point.p, from.point.p, flux_}, radiance_, light_});
     }
 
     const Scene& scene_;
@@ -158,6 +161,7 @@ class Photon {
     InteriorStack inside_;
     Ray ray_;
     float flux_ = 0, radiance_ = 1;
+    int light_ = 0;
 };
 
 /// A mesh or a sphere whose material has a lobe that may be sharp.
@@ -285,7 +289,7 @@ std::vector<Job> share_out(const std::vector<SharpSurface>& surfaces,
 
 }  // namespace
 
-PhotonGuide trace_caustics(const Scene& scene, int threads) {
+CausticScan trace_caustics(const Scene& scene, int threads) {
     if (scene.lights().empty() || !has_receiver(scene.materials())) return {};
     const std::vector<SharpSurface> surfaces = sharp_surfaces(scene);
     if (surfaces.empty()) return {};
@@ -306,10 +310,25 @@ PhotonGuide trace_caustics(const Scene& scene, int threads) {
 
     found = shoot_all(scene, share_out(surfaces, found, pilot), threads);
     keep_hard(found, threshold);
-    std::vector<GuidePhoton> photons;
+    CausticScan scan;
+    scan.ordinary = irradiance;
+    scan.hard.resize(std::size_t(scene.lights().size()));
     for (const Harvest& h : found)
-        for (const Landed& l : h.landed) photons.push_back(l.photon);
-    return PhotonGuide(std::move(photons), irradiance);
+        for (const Landed& l : h.landed) {
+            scan.photons.push_back(l.photon);
+            scan.lights.push_back(l.light);
+            ++scan.hard[std::size_t(l.light)];
+        }
+    scan.guide = PhotonGuide(scan.photons, irradiance);
+    return scan;
+}
+
+PhotonGuide guide_beside(CausticScan scan, const LightLayer& layer) {
+    std::vector<GuidePhoton> left;
+    for (std::size_t i = 0; i < scan.photons.size(); ++i)
+        if (!layer.owns(scan.lights[i])) left.push_back(scan.photons[i]);
+    if (left.empty()) return {};
+    return {std::move(left), scan.ordinary};
 }
 
 }  // namespace matiere

@@ -34,6 +34,7 @@ Features scan_features(const Scene& scene) {
     const MaterialTable& materials = scene.materials();
     Features found =
         when(scene.caustics() != nullptr, kNeedsGuide) |
+        when(!scene.light_layer(false).empty(), kNeedsLightLayer) |
         when(scene.lights().environment() != nullptr, kHasEnvironment) |
         when(!scene.spheres().empty(), kHasSpheres) |
         when(scene.camera().has_lens(), kHasThinLens) |

@@ -7,6 +7,7 @@
 #include "base/error.h"
 #include "scene/caustics.h"
 #include "scene/features.h"
+#include "scene/media_at.h"
 
 namespace matiere {
 
@@ -112,9 +113,13 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     for (const auto& mesh : meshes_) accel_.add_mesh(mesh->positions, mesh->indices);
     if (!spheres_.empty()) accel_.add_spheres(spheres_);
     accel_.commit(cancel);
-    if (interiors > 0) find_camera_interior();
+    if (interiors > 0) camera_interior_ = media_at(*this, camera_->origin());
     const auto built = std::chrono::steady_clock::now();
-    caustics_ = trace_caustics(*this, threads);
+    CausticScan scan = trace_caustics(*this, threads);
+    caustics_ = std::move(scan.guide);
+    for (const bool all : {false, true}) light_layers_[all] = LightLayer(*this, scan.hard, all);
+    if (!light_layers_[0].empty())
+        caustics_beside_ = guide_beside(std::move(scan), light_layers_[0]);
     features_ = scan_features(*this);
 
     stats_.caustic_photons = caustics_.photons();
@@ -209,33 +214,6 @@ float Scene::bounding_radius() const {
 int Scene::material_of(const RayHit& hit) const {
     return hit.geometry < meshes_.size() ? meshes_[hit.geometry]->material
                                          : spheres_[hit.primitive].material;
-}
-
-/// Follows a ray out of the scene: a medium that is left without having been entered is one that
-/// the camera stands in. Found from the inside outwards, so stacked in reverse.
-void Scene::find_camera_interior() {
-    constexpr int kMaxCrossings = 10000;
-    // No axis, no diagonal: unlikely to run along an edge of anything modelled by hand.
-    Ray ray{camera_->origin(), normalize(Vec3f{0.3217F, 0.8471F, 0.4219F})};
-    std::vector<int> entered, inside;
-    for (int i = 0; i < kMaxCrossings; ++i) {
-        const RayHit hit = intersect(ray);
-        if (hit.missed()) break;
-        const SurfaceHit s = surface(ray, hit);
-        if (s.material >= 0 && (*materials_)[s.material].has_interior) {
-            const auto found = std::find(entered.rbegin(), entered.rend(), s.material);
-            if (dot(s.point.n_g, ray.direction) < 0)
-                entered.push_back(s.material);
-            else if (found != entered.rend())
-                entered.erase(std::next(found).base());
-            else
-                inside.push_back(s.material);
-        }
-        ray.origin = offset_origin(s.point.p, s.error, s.point.n_g, ray.direction);
-    }
-    Counters ignored;
-    for (auto it = inside.rbegin(); it != inside.rend(); ++it)
-        camera_interior_.enter(*it, (*materials_)[*it], ignored);
 }
 
 }  // namespace matiere

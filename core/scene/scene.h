@@ -1,6 +1,7 @@
 // Everything built from a description: geometry, materials, lights, camera. Immutable once built.
 #pragma once
 
+#include <array>
 #include <cstdint>
 #include <memory>
 #include <optional>
@@ -14,6 +15,7 @@
 #include "sampling/photon_guide.h"
 #include "scene/description.h"
 #include "scene/interior.h"
+#include "scene/light_layer.h"
 #include "scene/surface_hit.h"
 #include "shape/mesh.h"
 #include "shape/sphere.h"
@@ -62,6 +64,12 @@ class Scene {
     const std::vector<Sphere>& spheres() const { return spheres_; }
     /// Where light arrives by way of mirrors and lenses; null where no such light is hard to find.
     const PhotonGuide* caustics() const { return caustics_.empty() ? nullptr : &caustics_; }
+    /// The same without the light that paths from the lights bring where there is a light layer.
+    const PhotonGuide* caustics_beside_layer() const {
+        return caustics_beside_.empty() ? nullptr : &caustics_beside_;
+    }
+    /// What paths from the lights are for; `all`: also from large lamps. Empty: there is no need.
+    const LightLayer& light_layer(bool all) const { return light_layers_[all ? 1 : 0]; }
     /// What the kernels of this scene need, and what else it has.
     Features features() const { return features_; }
     const SceneStats& stats() const { return stats_; }
@@ -70,7 +78,6 @@ class Scene {
     void add_meshes(std::vector<MeshDescription>&& meshes);
     void add_spheres(const std::vector<SphereDescription>& spheres);
     void build_lights(const RenderDescription& description);
-    void find_camera_interior();
     float bounding_radius() const;
 
     FilmDescription film_;
@@ -84,7 +91,8 @@ class Scene {
     std::optional<EnvironmentLight> backdrop_;
     EmbreeScene accel_;
     InteriorStack camera_interior_;
-    PhotonGuide caustics_;
+    PhotonGuide caustics_, caustics_beside_;
+    std::array<LightLayer, 2> light_layers_;
     bool shadows_walk_ = false, prefilters_ = false, second_uv_ = false, keep_uv_ = false;
     Features features_ = 0;
     SceneStats stats_;

@@ -32,6 +32,7 @@ def test_a_caustic_of_a_tiny_lamp_is_admitted_to_be_unknown() -> None:
         "radiance": [4000, 3600, 3200],
     }  # fmt: skip
     document["environment"] = {"radiance": [0.02, 0.024, 0.03]}
+    document["render"] = {**document.get("render", {}), "light_tracing": False}
     scene = mt.load(document)
     ratios = []
     for seed in range(5):

@@ -69,6 +69,7 @@ CHANGES_PIXELS: dict[str, Change] = {
     "threshold": lambda s: s["render"].update(threshold=0.01),
     "replicates": lambda s: s["render"].update(replicates=8),
     "adaptive": lambda s: s["render"].update(adaptive=True),
+    "light_tracing": lambda s: s["render"].update(light_tracing=False),
     "background": lambda s: s.update(background="transparent"),
     "background radiance": lambda s: s.update(background={"radiance": 0.5}),
     "alpha": lambda s: s["materials"]["ball"].update(alpha=0.11),
@@ -158,7 +159,7 @@ def test_every_field_was_thought_of() -> None:
     }  # fmt: skip
     assert set(mt.SceneModel.model_fields["render"].annotation.model_fields) == {  # type: ignore[union-attr]
         "spp", "seed", "max_depth", "seconds", "target_error", "replicates",
-        "adaptive", "threshold",
+        "adaptive", "threshold", "light_tracing",
     }  # fmt: skip
 
 

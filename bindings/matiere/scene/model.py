@@ -42,12 +42,26 @@ Crop = Annotated[
 ]
 
 
+def _light_tracing(value: Any) -> bool | Literal["auto"]:
+    if value is True or value is False:
+        return value
+    if value == "auto" and isinstance(value, str):
+        return "auto"
+    raise fault("wrong_type", f'"auto", true or false, not {shown(value)}')
+
+
+LightTracing = Annotated[
+    bool | Literal["auto"],
+    PlainValidator(_light_tracing),
+    WithJsonSchema({"enum": ["auto", True, False]}),
+]
+
 Aov = Literal[
     "albedo", "normal", "depth", "position", "uv", "material_id", "emission", "direct", "indirect",
-    "diffuse", "specular", "transmission", "standard_error", "sample_count",
+    "diffuse", "specular", "transmission", "caustic", "standard_error", "sample_count",
 ]  # fmt: skip
 AOVS: tuple[str, ...] = get_args(Aov)
-MADE_AOVS = ("standard_error", "sample_count")  # made of the film itself, always at hand
+MADE_AOVS = ("caustic", "standard_error", "sample_count")  # made of the film itself, always at hand
 
 
 class Film(Node):
@@ -175,9 +189,18 @@ class Render(Node):
         "mean over the image (needs an even number of at least 4 replicates)",
     )
 
+    light_tracing: LightTracing = Field(
+        "auto",
+        description="paths from the lights for light that paths from the camera find badly or not "
+        "at all: caustics of small lamps; auto: where the scene has them; true: of every lamp",
+    )
+
     def problems(self) -> Iterable[Line]:
         if self.adaptive and not halves_well(self.replicates):
             yield ("replicates",), fault("out_of_range", HALVES)
+        if self.light_tracing is True and (self.replicates or 4) < 4:
+            why = "the error bar of light tracing needs at least 4 replicates"
+            yield ("replicates",), fault("out_of_range", why)
 
     @property
     def spp_cap(self) -> int:
