@@ -51,13 +51,18 @@ EnvironmentLight make_environment(const Array<float>& pixels, double rotation_de
             std::vector<float>(pixels.data(), pixels.data() + pixels.size()), rotation_deg, 1.0};
 }
 
-py::tuple environment_sample(const EnvironmentLight& e, const Array<std::uint32_t>& bits) {
+using Normal = std::array<float, 3>;
+
+Receiver receiver(const Normal& n) { return {{}, {n[0], n[1], n[2]}}; }
+
+py::tuple environment_sample(const EnvironmentLight& e, const Array<std::uint32_t>& bits,
+                             const Normal& normal) {
     const py::ssize_t n = bits.shape(0);
     py::array_t<float> wi({n, py::ssize_t(3)}), radiance({n, py::ssize_t(3)}), pdf(n);
     for (py::ssize_t i = 0; i < n; ++i) {
         SampleBlock u{};
         for (py::ssize_t d = 0; d < 4; ++d) u.bits[std::size_t(d)] = bits.at(i, d);
-        const auto s = e.sample({}, u);
+        const auto s = e.sample(receiver(normal), u);
         for (py::ssize_t k = 0; k < 3; ++k) {
             wi.mutable_at(i, k) = s ? s->wi[std::size_t(k)] : 0.0F;
             radiance.mutable_at(i, k) = s ? s->radiance[int(k)] : 0.0F;
@@ -67,14 +72,15 @@ py::tuple environment_sample(const EnvironmentLight& e, const Array<std::uint32_
     return py::make_tuple(wi, radiance, pdf);
 }
 
-py::tuple environment_eval(const EnvironmentLight& e, const Array<float>& directions) {
+py::tuple environment_eval(const EnvironmentLight& e, const Array<float>& directions,
+                           const Normal& normal) {
     const py::ssize_t n = directions.shape(0);
     py::array_t<float> radiance({n, py::ssize_t(3)}), pdf(n);
     for (py::ssize_t i = 0; i < n; ++i) {
         const Vec3f w{directions.at(i, 0), directions.at(i, 1), directions.at(i, 2)};
         const Spectrumf L = e.radiance(w);
         for (py::ssize_t k = 0; k < 3; ++k) radiance.mutable_at(i, k) = L[int(k)];
-        pdf.mutable_at(i) = e.pdf({}, w);
+        pdf.mutable_at(i) = e.pdf(receiver(normal), w);
     }
     return py::make_tuple(radiance, pdf);
 }
@@ -91,8 +97,10 @@ void bind_sampling(py::module_& m) {
     py::class_<EnvironmentLight>(m, "EnvironmentLight",
                                  "A lat-long environment on its own (tests).")
         .def(py::init(&make_environment), py::arg("pixels"), py::arg("rotation_deg") = 0.0)
-        .def("sample", &environment_sample, py::arg("bits"), "wi (N,3), radiance (N,3), pdf (N,)")
-        .def("eval", &environment_eval, py::arg("directions"), "radiance (N,3), pdf (N,)");
+        .def("sample", &environment_sample, py::arg("bits"), py::arg("normal") = Normal{},
+             "wi (N,3), radiance (N,3), pdf (N,), for a receiver with this normal or none")
+        .def("eval", &environment_eval, py::arg("directions"), py::arg("normal") = Normal{},
+             "radiance (N,3), pdf (N,)");
 }
 
 }  // namespace matiere

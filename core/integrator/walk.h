@@ -151,7 +151,7 @@ class Walk {
             return end_inside("depth_guard");
         }
         const PhaseBsdf phase(m.g);
-        const bool on = scatter_with(event, phase, -ray_.direction, false, false);
+        const bool on = scatter_with(event, phase, -ray_.direction, {}, false, false);
         if constexpr (kRecording)
             if (here().event == "scatter") here().event = "scatter_inside";
         return on ? Way::kScattered : Way::kEnded;
@@ -219,7 +219,7 @@ class Walk {
             if (scene_.backdrop() != nullptr) return see_backdrop(*scene_.backdrop());
         }
         if (environment == nullptr) return;
-        const auto seen = scene_.lights().see_environment(from_, ray_.direction);
+        const auto seen = scene_.lights().see_environment({from_, from_n_}, ray_.direction);
         const float pdf = specular_ ? 0 : seen.pdf;
         const float w = emission_weight(pdf);
         if (!(w > 0)) return;
@@ -279,16 +279,22 @@ class Walk {
         if constexpr (has(F, kNeedsGuide)) {
             const GuidedBsdf guided_bsdf(bsdf, hidden_light(s, bsdf), s.point.p);
             if constexpr (kRecording) here().guided = hidden_light(s, bsdf) != nullptr;
-            return scatter_with(s, guided_bsdf, wo, last || bsdf.is_delta(), last);
+            return scatter_with(s, guided_bsdf, wo, lit_side(bsdf), last || bsdf.is_delta(), last);
         } else {
-            return scatter_with(s, bsdf, wo, last || bsdf.is_delta(), last);
+            return scatter_with(s, bsdf, wo, lit_side(bsdf), last || bsdf.is_delta(), last);
         }
     }
 
+    /// The normal of a surface that is lit from its side alone, for the choice of lights.
+    static Vec3f lit_side(const BsdfHere& bsdf) {
+        if constexpr (!has(F, kNeedsLights)) return {};
+        return (bsdf.lobes() & kTransmission) != 0 ? Vec3f{} : bsdf.frame().n;
+    }
+
     template <class B>
-    [[gnu::always_inline]] bool scatter_with(const SurfaceHit& s, const B& bsdf, Vec3f wo,
+    [[gnu::always_inline]] bool scatter_with(const SurfaceHit& s, const B& bsdf, Vec3f wo, Vec3f n,
                                              bool unlit, bool last) {
-        if (!unlit && !scene_.lights().empty()) direct(s, bsdf, wo);
+        if (!unlit && !scene_.lights().empty()) direct(s, bsdf, wo, n);
         const SampleBlock u = sampler_.block(std::uint32_t(depth_ + passed_), Purpose::kBsdf);
         const auto sample = bsdf.sample(wo, u.uniform3(0), counters_);
         if (!sample) return note_end("absorbed");
@@ -306,6 +312,7 @@ class Walk {
         if constexpr (kTextured)
             if (!specular_) cone_.scatter(sample->pdf);
         from_ = s.point.p;
+        if constexpr (has(F, kNeedsLights)) from_n_ = n;
         if (has(F, kNeedsModels) && (sample->lobe & kTransmission) != 0) {
             eta_scale_ *= sample->eta * sample->eta;
             if constexpr (kInteriors)
@@ -342,10 +349,11 @@ class Walk {
     }
 
     template <class B>
-    [[gnu::always_inline]] void direct(const SurfaceHit& s, const B& bsdf, Vec3f wo) {
+    [[gnu::always_inline]] void direct(const SurfaceHit& s, const B& bsdf, Vec3f wo,
+                                       [[maybe_unused]] Vec3f n) {
         const SampleBlock u = sampler_.block(std::uint32_t(depth_ + passed_), Purpose::kLight);
         if constexpr (has(F, kNeedsLights)) {
-            if (const auto light = scene_.lights().sample(s.point.p, u))
+            if (const auto light = scene_.lights().sample({s.point.p, n}, u))
                 connect(s, bsdf, wo, *light);
         } else {
             const LightSample light = scene_.lights().sample_rectangle(s.point.p, u);
@@ -489,7 +497,8 @@ class Walk {
     [[no_unique_address]] std::conditional_t<kTextured, RayCone, NoCone> cone_;
     [[no_unique_address]] std::conditional_t<kInteriors, InteriorStack, NoInteriors> interior_;
     Ray ray_;
-    Vec3f from_;  // the last scattering point: densities of light sampling are seen from there
+    Vec3f from_;    // the last scattering point: densities of light sampling are seen from there
+    Vec3f from_n_;  // and the side that it looks for light on
     Spectrumf beta_{1.0F}, L_;
     [[no_unique_address]] std::conditional_t<kLayered, LayerSplit, NoLayer> layer_;
     float alpha_ = 1, eta_scale_ = 1, bsdf_pdf_ = 0;

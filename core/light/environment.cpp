@@ -16,7 +16,7 @@ EnvironmentLight::EnvironmentLight(int width, int height, std::vector<float> pix
 }
 
 std::size_t EnvironmentLight::bytes() const {
-    return pixels_.size() * sizeof(float) + std::size_t(width_) * std::size_t(height_) * 4;
+    return pixels_.size() * sizeof(float) + map_.bytes();
 }
 
 Spectrumf EnvironmentLight::pixel(int x, int y) const {
@@ -59,26 +59,19 @@ void EnvironmentLight::build_distribution() {
         return (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(w);
     };
 
-    std::vector<double> cells = cell_means(), row_weight(h);
+    std::vector<double> cells = cell_means();
     double mean = 0;
     for (std::size_t i = 0; i < w * h; ++i) mean += cells[i] * solid_angle(i / w);
     mean /= 4 * kPi<double>;
     mean_luminance_ = mean;
 
     double total = 0;
-    columns_.reserve(h);
-    for (std::size_t y = 0; y < h; ++y) {
-        double sum = 0;
-        for (std::size_t x = 0; x < w; ++x) {
-            double& c = cells[y * w + x];
-            c = c > mean * (1 + kFlat) ? c - mean : 0.0;
-            sum += c;
-        }
-        columns_.emplace_back(std::span(cells).subspan(y * w, w));
-        row_weight[y] = sum * solid_angle(y);
-        total += row_weight[y];
+    for (std::size_t i = 0; i < w * h; ++i) {
+        double& c = cells[i];
+        c = c > mean * (1 + kFlat) ? (c - mean) * solid_angle(i / w) : 0.0;
+        total += c;
     }
-    rows_ = DiscreteDistribution(row_weight);
+    map_ = MapSampler(width_, height_, cells);
     sampled_luminance_ = total / (4 * kPi<double>);
 }
 
@@ -115,7 +108,7 @@ Spectrumf EnvironmentLight::radiance(Vec3f direction) const {
 
 float EnvironmentLight::portal_share(Vec3f reference) const {
     if (portals_.empty() || portals_.faced(reference) == 0) return 0;
-    return rows_.empty() ? 1.0F : 0.5F;
+    return map_.empty() ? 1.0F : 0.5F;
 }
 
 double EnvironmentLight::sampled_power(double disk) const {
@@ -123,69 +116,72 @@ double EnvironmentLight::sampled_power(double disk) const {
                             : portals_.area() * mean_luminance_;
 }
 
-float EnvironmentLight::pdf(Vec3f reference, Vec3f direction) const {
-    const float share = portal_share(reference);
-    if (share == 0) return map_pdf(direction);
-    const float through = portals_.pdf(reference, direction);
+float EnvironmentLight::pdf(const Receiver& at, Vec3f direction) const {
+    const float share = portal_share(at.p);
+    if (share == 0) return map_pdf(at, direction);
+    const float through = portals_.pdf(at.p, direction);
     if (!(through > 0)) return 0;
-    return share < 1 ? share * through + (1 - share) * map_pdf(direction) : through;
+    return share < 1 ? share * through + (1 - share) * map_pdf(at, direction) : through;
+}
+
+EnvironmentLight::Seen EnvironmentLight::see(const Receiver& at, Vec3f direction) const {
+    if (is_constant() || !portals_.empty()) return {radiance(direction), pdf(at, direction)};
+    const Texel t = to_texel(direction);
+    return {lookup(t), map_.empty() ? 0 : map_pdf(table(at), t)};
 }
 
 /// One-sample MIS of portals and map (Veach 1997, 9.2.4), of directions through portals alone.
-std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(Vec3f reference,
+std::optional<EnvironmentLight::Sample> EnvironmentLight::sample(const Receiver& at,
                                                                  const SampleBlock& u) const {
-    const float share = portal_share(reference), x = u.uniform(3);
-    if (share == 0) return sample_map(u);
+    const float share = portal_share(at.p), x = u.uniform(3);
+    if (share == 0) return sample_map(at, u);
     Sample s;
     if (x < share) {
-        const auto through = portals_.sample(reference, x / share, u);
+        const auto through = portals_.sample(at.p, x / share, u);
         if (!through) return std::nullopt;
         s.wi = through->wi;
     } else {
-        const auto found = sample_map(u);
+        const auto found = sample_map(at, u);
         if (!found) return std::nullopt;
         s.wi = found->wi;
     }
     s.radiance = radiance(s.wi);
-    s.pdf = pdf(reference, s.wi);
+    s.pdf = pdf(at, s.wi);
     return s;
 }
 
-EnvironmentLight::Seen EnvironmentLight::see(Vec3f reference, Vec3f direction) const {
-    if (is_constant() || !portals_.empty()) return {radiance(direction), pdf(reference, direction)};
-    const Texel t = to_texel(direction);
-    return {lookup(t), map_pdf(t)};
+int EnvironmentLight::table(const Receiver& at) const {
+    return MapSampler::table({cos_rotation_ * at.n.x - sin_rotation_ * at.n.z, at.n.y,
+                              sin_rotation_ * at.n.x + cos_rotation_ * at.n.z});
 }
 
-float EnvironmentLight::map_pdf(Texel t) const {
-    if (rows_.empty()) return 0;
+float EnvironmentLight::map_pdf(int table, Texel t) const {
     const auto x = std::size_t(std::min(int(t.u), width_ - 1)),
                y = std::size_t(std::min(int(t.v), height_ - 1));
-    if (columns_[y].empty()) return 0;
     const double solid_angle = (cos_edge_[y] - cos_edge_[y + 1]) * 2 * kPi<double> / double(width_);
-    return float(double(rows_.probability(y)) * double(columns_[y].probability(x)) / solid_angle);
+    return float(double(map_.probability(table, x, y)) / solid_angle);
 }
 
-std::optional<EnvironmentLight::Sample> EnvironmentLight::sample_map(const SampleBlock& u) const {
-    if (rows_.empty()) return std::nullopt;
-    const auto row = rows_.sample(u.bits[1]);
-    const auto column = columns_[row.index].sample(u.bits[2]);
+std::optional<EnvironmentLight::Sample> EnvironmentLight::sample_map(const Receiver& at,
+                                                                     const SampleBlock& u) const {
+    if (map_.empty()) return std::nullopt;
+    const auto pick = map_.sample(table(at), u.bits[2], u.bits[1]);
+    if (!(pick.probability > 0)) return std::nullopt;
 
-    // Uniform in solid angle inside the cell: in cos(theta) and in phi.
-    const double c0 = cos_edge_[row.index], c1 = cos_edge_[row.index + 1];
-    const auto cos_theta = float(c0 + row.remainder * (c1 - c0));
+    // Uniform in solid angle inside the texel: in cos(theta) and in phi.
+    const double c0 = cos_edge_[pick.y], c1 = cos_edge_[pick.y + 1];
+    const double c = c0 + double(pick.v) * (c1 - c0);
+    const auto cos_theta = float(c);
     // sin from theta's distance to the nearer pole, not from 1 - cos^2.
-    const double one_minus = 1 - std::abs(c0 + row.remainder * (c1 - c0));
+    const double one_minus = 1 - std::abs(c);
     const auto sin_theta = float(std::sqrt(std::max(0.0, one_minus * (2 - one_minus))));
-    const float u_texel = float(column.index) + float(column.remainder);
+    const float u_texel = float(pick.x) + pick.u;
     const Vec3f wi =
         from_angles(sin_theta, cos_theta, kTwoPi<float> * (u_texel / float(width_) - 0.5F));
     const float theta = std::atan2(sin_theta, cos_theta);
-    const Texel at{u_texel, theta * kInvPi<float> * float(height_)};
-
+    const Texel t{u_texel, theta * kInvPi<float> * float(height_)};
     const double solid_angle = (c0 - c1) * 2 * kPi<double> / double(width_);
-    const auto pdf = float(double(row.probability) * double(column.probability) / solid_angle);
-    return Sample{wi, lookup(at), pdf};
+    return Sample{wi, lookup(t), float(double(pick.probability) / solid_angle)};
 }
 
 }  // namespace matiere

@@ -7,11 +7,17 @@
 
 #include "base/spectrum.h"
 #include "base/vec.h"
+#include "light/map_sampler.h"
 #include "light/portals.h"
-#include "sampling/discrete.h"
 #include "sampling/sampler.h"
 
 namespace matiere {
+
+/// What light is looked for.
+struct Receiver {
+    Vec3f p;
+    Vec3f n{};  ///< unit, on the side that is lit; zero where light comes from all around
+};
 
 /// Row 0 is +y, the centre column looks along -z, u grows to the right seen from inside.
 class EnvironmentLight {
@@ -30,15 +36,16 @@ class EnvironmentLight {
     Spectrumf radiance(Vec3f direction) const;
     /// Density of `sample`, per solid angle; 0 where the map does not exceed its mean, and from a
     /// point that faces portals, beside them.
-    float pdf(Vec3f reference, Vec3f direction) const;
+    float pdf(const Receiver& at, Vec3f direction) const;
     struct Seen {
         Spectrumf radiance;
         float pdf;  ///< per solid angle
     };
     /// Both of the above.
-    Seen see(Vec3f reference, Vec3f direction) const;
-    /// Nothing where the map is even, or what was picked lies beside all portals that are faced.
-    std::optional<Sample> sample(Vec3f reference, const SampleBlock& u) const;
+    Seen see(const Receiver& at, Vec3f direction) const;
+    /// Nothing where the map is even or dark above the receiver, or what was picked lies beside all
+    /// portals that are faced.
+    std::optional<Sample> sample(const Receiver& at, const SampleBlock& u) const;
     /// Power over pi of the light that sampling is for, through a scene of this radius squared.
     double sampled_power(double disk) const;
     bool is_constant() const { return width_ == 1 && height_ == 1; }
@@ -48,11 +55,12 @@ class EnvironmentLight {
     struct Texel {
         float u, v;  ///< continuous coordinates in [0, width) x [0, height]
     };
-    float map_pdf(Texel t) const;
-    float map_pdf(Vec3f direction) const {
-        return rows_.empty() ? 0 : map_pdf(to_texel(direction));
+    int table(const Receiver& at) const;
+    float map_pdf(int table, Texel t) const;
+    float map_pdf(const Receiver& at, Vec3f direction) const {
+        return map_.empty() ? 0 : map_pdf(table(at), to_texel(direction));
     }
-    std::optional<Sample> sample_map(const SampleBlock& u) const;
+    std::optional<Sample> sample_map(const Receiver& at, const SampleBlock& u) const;
     /// How often a direction is picked through a portal rather than by the map.
     float portal_share(Vec3f reference) const;
 
@@ -70,8 +78,7 @@ class EnvironmentLight {
     double sampled_luminance_ = 0;  ///< mean over the sphere of what exceeds the mean
     double mean_luminance_ = 0;
     std::vector<double> cos_edge_;  ///< cosine of theta at the row edges
-    DiscreteDistribution rows_;
-    std::vector<DiscreteDistribution> columns_;
+    MapSampler map_;
 };
 
 }  // namespace matiere

@@ -195,7 +195,8 @@ float LightSet::probability(Vec3f reference, std::size_t light) const {
     return choices_[place] == kTree ? p * tree_.probability(reference, std::uint32_t(light)) : p;
 }
 
-std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& u) const {
+std::optional<LightSample> LightSet::sample(const Receiver& at, const SampleBlock& u) const {
+    const Vec3f reference = at.p;
     const auto choice = choose(reference, u.bits[0]);
     if (!choice) return std::nullopt;
     auto found = std::visit(
@@ -238,7 +239,7 @@ std::optional<LightSample> LightSet::sample(Vec3f reference, const SampleBlock& 
                                            (*materials_)[l.material].two_sided));
             },
             [&](const EnvironmentTag&) -> std::optional<LightSample> {
-                const auto e = environment_->sample(reference, u);
+                const auto e = environment_->sample(at, u);
                 if (!e || !(e->pdf > 0)) return std::nullopt;
                 LightSample s;
                 s.wi = e->wi;
@@ -280,8 +281,8 @@ Spectrumf LightSet::emitted(int light, const TexturePoint& at, bool front) const
         lights_[std::size_t(light)]);
 }
 
-EnvironmentLight::Seen LightSet::see_environment(Vec3f reference, Vec3f direction) const {
-    auto seen = environment_->see(reference, direction);
+EnvironmentLight::Seen LightSet::see_environment(const Receiver& at, Vec3f direction) const {
+    auto seen = environment_->see(at, direction);
     seen.pdf *= choice_.empty() ? 0 : choice_.probability(place_[std::size_t(environment_index_)]);
     return seen;
 }

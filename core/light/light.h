@@ -131,8 +131,8 @@ class LightSet {
     bool is_one_rectangle() const;
     const EnvironmentLight* environment() const { return environment_ ? &*environment_ : nullptr; }
 
-    /// Samples light at `reference`; nothing where the chosen light cannot reach it.
-    std::optional<LightSample> sample(Vec3f reference, const SampleBlock& u) const;
+    /// Samples light for a receiver; nothing where the chosen light cannot reach it.
+    std::optional<LightSample> sample(const Receiver& at, const SampleBlock& u) const;
     /// The same where one rectangle is all there is: no choice, and density 0 for nothing.
     [[gnu::always_inline]] LightSample sample_rectangle(Vec3f reference,
                                                         const SampleBlock& u) const {
@@ -142,7 +142,7 @@ class LightSet {
     /// Density with which `sample` finds the point of a light.
     float pdf(Vec3f reference, const LightHit& hit) const;
     /// Radiance of the environment, which there must be, and the density of `sample` there.
-    EnvironmentLight::Seen see_environment(Vec3f reference, Vec3f direction) const;
+    EnvironmentLight::Seen see_environment(const Receiver& at, Vec3f direction) const;
     /// Radiance leaving a surface light towards the front or the back of its surface.
     Spectrumf emitted(int light, const TexturePoint& at, bool front) const;
 

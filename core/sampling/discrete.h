@@ -30,6 +30,9 @@ class DiscreteDistribution {
 
     float probability(std::size_t i) const { return float(end_[i] - begin(i)) * 0x1p-31F; }
 
+    /// Cell i owns the lattice points from ends()[i - 1] up to ends()[i], of 2^31.
+    std::span<const std::uint32_t> ends() const { return end_; }
+
  private:
     static constexpr std::uint32_t kTotal = 1U << 31;
     void fill_buckets();

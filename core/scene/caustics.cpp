@@ -49,7 +49,7 @@ class Photon {
 
     /// `area` is the surface that this photon stands for.
     void run(SurfaceHit s, float area) {
-        const auto light = scene_.lights().sample(s.point.p, block());
+        const auto light = scene_.lights().sample({s.point.p}, block());
         if (!light) return;
         light_ = light->light;
         const float cosine = std::abs(dot(s.point.n_g, light->wi));

@@ -14,6 +14,13 @@ def sun_map(width: int = 32, height: int = 16) -> np.ndarray:
     return pixels.astype(np.float32)
 
 
+def broad_map(width: int = 32, height: int = 16) -> np.ndarray:
+    """Light from everywhere, uneven."""
+    pixels = np.random.default_rng(1).uniform(0, 1, (height, width, 3)) ** 4
+    pixels[height // 5, width // 3] = 30
+    return pixels.astype(np.float32)
+
+
 def sphere_grid(n: int) -> tuple[np.ndarray, np.ndarray]:
     """Midpoint directions and solid angles over the sphere."""
     cos = 1 - (np.arange(n) + 0.5) * 2 / n
@@ -50,10 +57,17 @@ def test_rotation_turns_the_map_about_y_right_handed() -> None:
     assert radiance[2, 0] == 0
 
 
-@pytest.mark.parametrize("rotation", [0.0, 77.0])
-def test_density_integrates_to_one(rotation: float) -> None:
-    width, height = 32, 16
-    environment = _core.EnvironmentLight(sun_map(width, height), rotation)
+NORMALS = [(0.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.36, -0.48, 0.8), (-0.8, 0.0, 0.6)]
+
+
+@pytest.mark.parametrize("normal", NORMALS, ids=str)
+@pytest.mark.parametrize(
+    ("rotation", "width", "height"), [(0, 32, 16), (77, 32, 16), (77, 200, 90)]
+)
+def test_density_integrates_to_one(
+    rotation: float, width: int, height: int, normal: tuple[float, float, float]
+) -> None:
+    environment = _core.EnvironmentLight(broad_map(width, height), rotation)
     theta = (np.arange(height) + 0.5) * np.pi / height  # the density is constant in each pixel
     phi = (np.arange(width) + 0.5) * 2 * np.pi / width
     t, p = (a.ravel() for a in np.meshgrid(theta, phi, indexing="ij"))
@@ -61,14 +75,15 @@ def test_density_integrates_to_one(rotation: float) -> None:
     directions = np.stack([np.sin(t) * np.cos(p), np.cos(t), -np.sin(t) * np.sin(p)], 1)
     edges = np.cos(np.arange(height + 1) * np.pi / height)
     solid_angle = np.repeat((edges[:-1] - edges[1:]) * 2 * np.pi / width, width)
-    _, pdf = environment.eval(directions)
+    _, pdf = environment.eval(directions, normal)
     assert np.sum(pdf.astype(float) * solid_angle) == pytest.approx(1, abs=1e-6)
 
 
-def test_sample_reports_the_density_of_its_direction() -> None:
-    environment = _core.EnvironmentLight(sun_map(), 30.0)
-    wi, radiance, pdf = environment.sample(bits(20000))
-    again, pdf_again = environment.eval(wi)
+@pytest.mark.parametrize("normal", NORMALS, ids=str)
+def test_sample_reports_the_density_of_its_direction(normal: tuple[float, float, float]) -> None:
+    environment = _core.EnvironmentLight(broad_map(), 30.0)
+    wi, radiance, pdf = environment.sample(bits(20000), normal)
+    again, pdf_again = environment.eval(wi, normal)
     # On a cell border rounding may fall to the neighbour: at most a few in ten thousand.
     same = np.isclose(pdf, pdf_again, rtol=1e-4)
     assert np.mean(same) > 0.998, np.mean(same)
@@ -86,6 +101,39 @@ def test_estimate_over_the_sampled_part_is_unbiased() -> None:
     error = ratio.std() / np.sqrt(ratio.size)
     assert ratio.mean() == pytest.approx(total, abs=4 * error + 2e-3 * total)
     assert error / total < 2e-3  # importance sampling: a nearly constant ratio
+
+
+@pytest.mark.parametrize("normal", NORMALS[1:], ids=str)
+@pytest.mark.parametrize("size", [(32, 16), (200, 90)])
+def test_a_surface_looks_for_all_the_light_above_it_and_for_little_else(
+    normal: tuple[float, float, float], size: tuple[int, int]
+) -> None:
+    """The mean of L cos over density is the irradiance, with less noise than without a normal."""
+    environment = _core.EnvironmentLight(broad_map(*size), 30.0)
+    directions, weight = sphere_grid(2048)
+    cosine = np.maximum(directions @ normal, 0)
+    radiance, pdf = environment.eval(directions, normal)
+    _, plain = environment.eval(directions)
+    lit = cosine > 1e-3
+    assert np.array_equal(pdf[lit] > 0, plain[lit] > 0), "nothing above the horizon is forgotten"
+    hidden = directions @ normal < -np.sin(np.radians(40))
+    assert np.all(pdf[hidden] == 0)
+    total = np.sum((radiance[:, 1] * cosine * weight)[pdf > 0], dtype=float)
+    errors = []
+    for n in (normal, (0, 0, 0)):
+        wi, value, density = environment.sample(bits(200000), n)
+        ratio = value[:, 1] * np.maximum(wi @ normal, 0) / density
+        errors.append(ratio.std() / np.sqrt(ratio.size))
+        assert ratio.mean() == pytest.approx(total, abs=4 * errors[-1] + 2e-3 * total)
+    assert errors[0] < errors[1]
+
+
+def test_a_surface_below_all_light_looks_for_none() -> None:
+    pixels = np.zeros((16, 32, 3), np.float32)
+    pixels[:2] = 1
+    environment = _core.EnvironmentLight(pixels)
+    wi, _, pdf = environment.sample(bits(10), (0, -1, 0))
+    assert np.all(wi == 0) and np.all(pdf == 0)
 
 
 def test_what_exceeds_the_mean_is_sampled() -> None:
