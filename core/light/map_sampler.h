@@ -1,7 +1,7 @@
 // Chooses texels of a lat-long map for a surface: in proportion to what a texel weighs times a
-// bound on its cosine, so that a wall does not look for the light behind it. Blocks of texels are
-// chosen by a table for the surface's normal, the texel inside a block by its weight alone; both
-// numbers are used up in order, so that stratified points stay so.
+// bound on its cosine, so that a wall does not look for the light behind it (after Conty Estevez &
+// Lecocq 2018). Blocks of texels are chosen by a table for the surface's normal, the texel inside a
+// block by its weight alone; both numbers are used up in order, so that stratified points stay so.
 #pragma once
 
 #include <array>
