@@ -47,6 +47,7 @@ class Side(NamedTuple):
     document: dict[str, Any]
     tree: bool = True
     guide: bool = True
+    light_tracing: str = "auto"
     adaptive: bool = False
     independent: bool = False
 
@@ -69,7 +70,9 @@ def renderer(side: Side, threads: int) -> Callable[[int, int], tuple[Image, floa
     max_depth = side.document.get("render", {}).get("max_depth", -1)
 
     def once(spp: int, seed: int) -> tuple[Image, float]:
-        settings = _core.Settings(seed, max_depth, "mis", guide_caustics=side.guide)
+        settings = _core.Settings(
+            seed, max_depth, "mis", guide_caustics=side.guide, light_tracing=side.light_tracing
+        )
         film = _core.Film(film_size["width"], film_size["height"], 4, side.adaptive)
         _core.render(scene, settings, film, {"spp": spp}, threads)
         return np.asarray(film.mean(), float)[..., :3], float(film.counters["cpu_s"])
@@ -117,12 +120,6 @@ def measure(gain: Gain, options: argparse.Namespace) -> dict[str, Any]:
     }  # fmt: skip
 
 
-def sized(document: dict[str, Any], size: int, **render: Any) -> dict[str, Any]:
-    """Return the document at another size and with other settings."""
-    film = {**document.get("film", {}), "width": size, "height": size}
-    return {**document, "film": film, "render": {**document.get("render", {}), **render}}
-
-
 def peer_scene(name: str, size: int, assets: Path) -> dict[str, Any]:
     """Return a scene of the comparison with other renderers."""
     return of_neutral({"name": name, "size": size, **neutral.SCENES[name](assets)})
@@ -136,8 +133,8 @@ def gains(size: int, assets: Path) -> list[Gain]:
         found.append(Gain("adaptive sampling", name, plain, plain._replace(adaptive=True)))
         found.append(Gain("Sobol points", name, plain._replace(independent=True), plain))
     glass = peer_scene("glass", size, assets)
-    traced = Side(sized(glass, size, light_tracing="auto"))
-    camera = Side(sized(glass, size, light_tracing=False))
+    traced = Side(glass)
+    camera = Side(glass, light_tracing="off")
     found.append(Gain("light tracing, over the guide", "glass ball", camera, traced))
     unguided = camera._replace(guide=False)
     found.append(Gain("light tracing, over neither", "glass ball", unguided, traced))
