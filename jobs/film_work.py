@@ -19,7 +19,7 @@ from matiere.jobs.store.films import FilmRow
 MERGE_EVERY_S = 2.0  # progress and previews of long jobs
 MERGE_BYTES_PER_S = 20 * 2**20  # a large prefix is rewritten less often
 MERGE_BYTES = 64 * 2**20  # unmerged chunk files beyond this, or beyond two passes, are folded in
-BYTES_PER_SAMPLE_SUM = 32  # four doubles per pixel and replicate
+BYTES_PER_SAMPLE_SUM = 56  # at most: 4 doubles per pixel and replicate, 3 of the light layer
 SECONDS_SLACK = 1.05
 
 

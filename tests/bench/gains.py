@@ -37,7 +37,7 @@ from film_scenes import scenes  # noqa: E402
 from matiere_worker import document as of_neutral  # noqa: E402
 
 REFERENCE_SEED = 987_654_321
-TRIM = 0.001  # share of the pixels, the worst ones, that is left out
+TRIM = 0.001  # share of the pixels, the worst ones, that the trimmed gain leaves out
 Image = npt.NDArray[np.float64]
 
 
@@ -86,12 +86,12 @@ def renderer(side: Side, threads: int) -> Callable[[int, int], tuple[Image, floa
     return render
 
 
-def error(image: Image, halves: tuple[Image, Image]) -> float:
-    """Return the relMSE without the worst pixels and the reference's own noise."""
+def error(image: Image, halves: tuple[Image, Image]) -> tuple[float, float]:
+    """Return the relMSE of all pixels and of all but the worst, less the reference's own noise."""
     reference = (halves[0] + halves[1]) / 2
     square = (image - reference) ** 2 - ((halves[0] - halves[1]) / 2) ** 2
     pixels = (square / (reference**2 + 0.01 * reference.mean() ** 2)).mean(axis=2).ravel()
-    return float(np.sort(pixels)[: round(pixels.size * (1 - TRIM))].mean())
+    return float(pixels.mean()), float(np.sort(pixels)[: round(pixels.size * (1 - TRIM))].mean())
 
 
 def measure(gain: Gain, options: argparse.Namespace) -> dict[str, Any]:
@@ -99,25 +99,27 @@ def measure(gain: Gain, options: argparse.Namespace) -> dict[str, Any]:
     sides = [renderer(side, options.threads) for side in (gain.without, gain.having)]
     spp = options.spp * options.factor // 2
     halves = [sides[1](spp, REFERENCE_SEED + half)[0] for half in (0, 1)]
-    errors: list[list[float]] = [[], []]
+    errors: list[list[tuple[float, float]]] = [[], []]
     seconds: list[list[float]] = [[], []]
     for seed in range(options.seeds):
         for side, render in enumerate(sides):
             image, cpu = render(options.spp, seed)
             errors[side].append(error(image, (halves[0], halves[1])))
             seconds[side].append(cpu)
-    mean = [statistics.fmean(e) for e in errors]
-    spread = math.hypot(
-        *(statistics.stdev(e) / statistics.fmean(e) / math.sqrt(len(e)) for e in errors)
-    )
     known = not gain.without.independent
     slower = statistics.median(b / a for a, b in zip(*seconds, strict=True)) if known else 1.0
-    ratio = mean[0] / mean[1] / slower
-    return {
+    found: dict[str, Any] = {
         "part": gain.part, "scene": gain.scene, "spp": options.spp, "seeds": options.seeds,
-        "without": mean[0], "having": mean[1], "time": slower, "gain": ratio,
-        "gain_error": ratio * spread,
+        "time": slower,
     }  # fmt: skip
+    for kind, name in enumerate(("", "trimmed_")):
+        without, having = ([e[kind] for e in side] for side in errors)
+        mean = [statistics.fmean(e) for e in (without, having)]
+        relative = [statistics.stdev(e) / statistics.fmean(e) for e in (without, having)]
+        ratio = mean[0] / mean[1] / slower
+        found |= {f"{name}without": mean[0], f"{name}having": mean[1], f"{name}gain": ratio}
+        found[f"{name}gain_error"] = ratio * math.hypot(*relative) / math.sqrt(options.seeds)
+    return found
 
 
 def peer_scene(name: str, size: int, assets: Path) -> dict[str, Any]:
@@ -132,9 +134,8 @@ def gains(size: int, assets: Path) -> list[Gain]:
         plain = Side(document)
         found.append(Gain("adaptive sampling", name, plain, plain._replace(adaptive=True)))
         found.append(Gain("Sobol points", name, plain._replace(independent=True), plain))
-    glass = peer_scene("glass", size, assets)
-    traced = Side(glass)
-    camera = Side(glass, light_tracing="off")
+    traced = Side(peer_scene("glass", size, assets))
+    camera = traced._replace(light_tracing="off")
     found.append(Gain("light tracing, over the guide", "glass ball", camera, traced))
     unguided = camera._replace(guide=False)
     found.append(Gain("light tracing, over neither", "glass ball", unguided, traced))
@@ -147,7 +148,8 @@ def row(m: dict[str, Any]) -> str:
     """Return one line of the table."""
     return (
         f"| {m['part']} | {m['scene']} | {m['spp']} | {m['without']:.3g} | {m['having']:.3g} | "
-        f"{m['time']:.2f} | {m['gain']:.2f} ± {m['gain_error']:.2f} |"
+        f"{m['time']:.2f} | {m['gain']:.2f} ± {m['gain_error']:.2f} | "
+        f"{m['trimmed_gain']:.2f} ± {m['trimmed_gain_error']:.2f} |"
     )
 
 
@@ -163,8 +165,9 @@ def main() -> None:
     parser.add_argument("--assets", type=Path, default=ROOT.parent / "shared" / "assets")
     parser.add_argument("--out", type=Path, help="JSON of the figures")
     options = parser.parse_args()
-    print("| part | scene | spp | relMSE without | relMSE with | time with / without | gain |")
-    print("|---|---|---|---|---|---|---|", flush=True)
+    print("| part | scene | spp | relMSE without | relMSE with | time with / without | gain | "
+          "gain, trimmed |")  # fmt: skip
+    print("|---|---|---|---|---|---|---|---|", flush=True)
     rows = []
     for gain in gains(options.size, options.assets):
         if options.parts and not gain.part.startswith(tuple(options.parts)):
