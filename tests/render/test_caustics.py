@@ -64,18 +64,21 @@ def test_guided_techniques_agree() -> None:
     assert p.min() > 1 - (1 - 0.01) ** (1 / p.size), p.min()
 
 
-@pytest.mark.parametrize("ball", BALLS)
-def test_the_guide_takes_noise_away(ball: str) -> None:
-    """At equal samples the variance of the lower half (mostly floor) falls by a good third or more.
+@pytest.mark.parametrize(
+    ("ball", "most"), [("rough metal", 0.15), ("smooth glass", 0.45), ("rough glass", 0.65)]
+)
+def test_the_guide_takes_noise_away(ball: str, most: float) -> None:
+    """At equal samples the variance of the lower half (mostly floor) falls to this share.
 
-    Rare bright paths rule it: one seed's ratio for rough glass runs from 0.3 to 1.2 around 0.47.
+    Rare bright paths rule it: one seed's ratio for rough glass runs from 0.3 to 1.2 around 0.47,
+    for smooth glass from 0.2 to 0.7 around 0.25.
     """
     scene = _core.Scene(ball_on_floor(*BALLS[ball]))
     guided, plain = (
         np.mean([replicates(scene, g, 1024, seed)[:, 12:].var(0, ddof=1) for seed in range(3, 7)])
         for g in (True, False)
     )
-    assert guided < 0.65 * plain, (guided, plain)
+    assert guided < most * plain, (guided, plain)
 
 
 def test_the_guide_is_left_out_where_nothing_is_hidden() -> None:
