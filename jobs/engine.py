@@ -61,11 +61,13 @@ from matiere.jobs.scheduler import Options, Scheduler
 from matiere.jobs.store import events, files, films, jobs, views
 from matiere.jobs.store.database import Database
 from matiere.jobs.submission import Request, Submitter, body_hash
+from matiere.jobs.term import Term
 
 log = logging.getLogger("matiere.jobs.engine")
 T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
 POLL_S = 0.05
+SHARED_POLL_S = 0.5
 # What a child reports of itself, not of the request.
 BREAKDOWNS = ("lost", "signal", "python_error", "out_of_memory", "disk_full")
 MEMORY_SHARE = 8  # merging holds a film up to three times
@@ -100,7 +102,7 @@ def open_engine(
     except BaseException:
         data.close()
         raise
-    options = Options(count, threads, work, min_free_bytes, str(uuid7()))
+    options = Options(count, threads, work, min_free_bytes)
     engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
     if url is not None:
         engine.announce(url)
@@ -116,18 +118,16 @@ class Engine:
         """Use `open_engine`."""
         self.data_dir, self.children = data.root, options.children
         self.threads_per_child = options.threads
-        self._data, self._db, self._instance_id = data, database, options.instance_id
+        self._data, self._db = data, database
         self._closed, self._version = False, 0
         self._changed = threading.Condition()
         module = importlib.import_module(options.work)
         self._db.on_commit = self._notify
+        term = Term(database)
         #: What the last instance left: claims and chunks voided, chunks present (done, unmerged),
         #: films begun, and the chunks these still miss to the end of their spp.
-        self.resumed: JsonDict = self._db.write(
-            lambda c: films.void_dead(c, self._instance_id, os.getpid())
-        )
-        self.resumed |= self._begun(module)
-        self._scheduler = Scheduler(database, data, options, module)
+        self.resumed: JsonDict = term.found | self._begun(module)
+        self._scheduler = Scheduler(database, data, options, module, term)
         self._submitter = Submitter(data, module, max_film_bytes, self._scheduler.check_files)
         self._scheduler.start()
         threading.Thread(
@@ -171,7 +171,7 @@ class Engine:
         self._scheduler.stop()
         self._scheduler.join()
         try:
-            self._db.write(lambda c: films.end_instance(c, self._instance_id))
+            self._scheduler.term.end()
         except JobsError:
             pass  # a full disk: the next start sees an instance that did not end
         self._db.close()
@@ -217,6 +217,8 @@ class Engine:
             "disk_low": health.disk_low,
             "disk_full": self._scheduler.disk_paused(now),
             "draining": health.draining,
+            "store": "postgresql" if self._db.shared else "sqlite",
+            "scheduling": self._scheduler.term.running,
             "stuck": health.stuck or health.fault,
             "resumed": self.resumed,
             "counters": dict(health.counters),
@@ -482,6 +484,8 @@ class Engine:
             self._changed.notify_all()
 
     def _await_change(self, version: int, timeout_s: float) -> None:
+        if self._db.shared:  # another process may make the change
+            timeout_s = min(timeout_s, SHARED_POLL_S)
         with self._changed:
             self._changed.wait_for(lambda: self._version != version, timeout_s)
 
@@ -502,6 +506,8 @@ class Engine:
 
     def _children_check(self) -> Check:
         slots = (*self._scheduler.slots, self._scheduler.utility.slot)
+        if not self._scheduler.term.running:
+            slots = slots[-1:]  # render children start with the lease
         ready = sum(1 for slot in slots if slot.child is not None and slot.child.ready)
         detail = f"{ready} of {len(slots)} child processes answer"
         if ready < len(slots) and self._scheduler.health.stuck:

@@ -27,6 +27,7 @@ from matiere.jobs.store import files, films, jobs
 from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
+from matiere.jobs.term import Term
 from matiere.jobs.utility_queue import CHECK, STABILITY, Question, UtilityQueue
 
 log = logging.getLogger("matiere.jobs.scheduler")
@@ -64,7 +65,6 @@ class Options:
     threads: int
     work: str
     min_free_bytes: int
-    instance_id: str
 
 
 @dataclass
@@ -92,12 +92,15 @@ class Health:
 class Scheduler(threading.Thread):
     """Runs until `stop`; `wake` makes it look at the database again."""
 
-    def __init__(self, database: Database, data: DataDir, options: Options, work: Any) -> None:
+    def __init__(
+        self, database: Database, data: DataDir, options: Options, work: Any, term: Term
+    ) -> None:
         """Prepare; `start` begins."""
         super().__init__(name="matiere-scheduler", daemon=True)
         self.db, self.data, self.options, self.work = database, data, options, work
         self.inbox: queue.SimpleQueue[Message | Question | None] = queue.SimpleQueue()
         self.health = Health()
+        self.term = term
         self.films: dict[int, FilmWork] = {}
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
         self.utility = UtilityQueue(self, Slot("utility"))
@@ -184,8 +187,12 @@ class Scheduler(threading.Thread):
     def _round(self) -> None:
         self._receive()
         now = time.monotonic()
-        self._keep_children(now)
+        leads = self.term.renew(self, now)
+        self._keep_children(now, leads)
         self._check_disk(now)
+        if not leads:  # only questions
+            self.utility.dispatch(now)
+            return
         if self._dirty:
             self._dirty = False
             self._read_queue(now)
@@ -324,8 +331,8 @@ class Scheduler(threading.Thread):
         slot.child = Child(options, self.inbox)
         self.health.counters["children_started"] += 1
 
-    def _keep_children(self, now: float) -> None:
-        for slot in (*self.slots, self.utility.slot):
+    def _keep_children(self, now: float, leads: bool) -> None:
+        for slot in (*(self.slots if leads else ()), self.utility.slot):
             if slot.child is None and now >= slot.not_before:
                 self.start_child(slot, self.options.threads)
             elif slot.child is not None:
@@ -365,6 +372,18 @@ class Scheduler(threading.Thread):
             child.kill()
         elif waits and max(waits) > TERM_AFTER_S and not child.killed:
             child.kill(signal.SIGTERM)
+
+    def step_down(self) -> None:
+        """Forget all work: another process may have it by now."""
+        for slot in (*self.slots, self.utility.slot):
+            if slot.child is not None:
+                slot.child.inflight.clear()
+                slot.child.kill()
+                slot.child.wait(5.0)
+        self.films.clear()
+        self._unsaved.clear()
+        self.utility.forget()
+        self._dirty = self._garbage = True
 
     def _end_children(self) -> None:
         running = [s.child for s in (*self.slots, self.utility.slot) if s.child is not None]
@@ -479,7 +498,7 @@ class Scheduler(threading.Thread):
         chunks = film.take(aim, min(most, MOST_CHUNKS))
         if not chunks:
             return
-        claim = Claim(film.id, chunks, self.options.instance_id, child.pid, LEASE_S)
+        claim = Claim(film.id, chunks, self.term.instance_id, child.pid, LEASE_S)
         try:
             token = self.db.write(lambda c: films.claim(c, claim))
         except BaseException:

@@ -126,6 +126,15 @@ class UtilityQueue:
             self._known.add((task.kind, task.key))
             heapq.heappush(self._heap, (task.kind, next(self._order), task))
 
+    def forget(self) -> None:
+        """Drop all tasks but questions; the child that had one was killed."""
+        self._heap = [entry for entry in self._heap if entry[2].question is not None]
+        heapq.heapify(self._heap)
+        self._known = {(task.kind, task.key) for _, _, task in self._heap}
+        if self._current is not None and (asked := self._current[1].question) is not None:
+            asked.reply([{"pointer": "", "code": "lost", "message": "the child was stopped"}])
+        self._current = None
+
     def dispatch(self, now: float) -> None:
         """Give the next task to the idle child."""
         child = self.slot.child

@@ -1,15 +1,13 @@
-"""One database, one writer: connections, transactions, migrations, start-up checks.
+"""One database, one writer: transactions and migrations over SQLite or PostgreSQL.
 
-All writes run in one writer thread on one connection, each in its own transaction; readers get
-read-only connections. On SQLite that means WAL, `synchronous=FULL`, `BEGIN IMMEDIATE` for writes
-and pysqlite3 only: two SQLite libraries in one process lose each other's POSIX locks.
+All writes of a process run in one writer thread on one connection, each in its own transaction;
+readers get read-only connections with a consistent snapshot.
 """
 
 from __future__ import annotations
 
 import logging
 import queue
-import shutil
 import threading
 from collections.abc import Callable
 from concurrent.futures import Future
@@ -21,76 +19,22 @@ import alembic.config
 import alembic.script
 import sqlalchemy as sa
 from alembic.migration import MigrationContext
-from sqlalchemy.engine import Connection, Engine
+from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import DiskFull, StoreError
+from matiere.jobs.store import postgresql, sqlite
 
-log = logging.getLogger("matiere.jobs.store")
 logging.getLogger("alembic").setLevel(logging.WARNING)
 T = TypeVar("T")
 
-# Older libraries can corrupt a WAL that two connections reset at once (sqlite.org/wal.html).
-SAFE_SQLITE = (3, 51, 3)
-READ_CONNECTIONS = 8
-BUSY_TIMEOUT_MS = 10_000
-NETWORK_FILE_SYSTEMS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "ceph", "fuse.sshfs"}
-
-
-def refuse_network_file_system(path: Path) -> None:
-    """Raise StoreError if `path` lies on a file system whose locks SQLite cannot trust."""
-    best, kind = "", ""
-    try:
-        lines = Path("/proc/self/mounts").read_text().splitlines()
-    except OSError:
-        return
-    for line in lines:
-        fields = line.split()
-        where = fields[1].replace("\\040", " ").rstrip("/")
-        if len(where) >= len(best) and f"{path.resolve()}/".startswith(where + "/"):
-            best, kind = where, fields[2]
-    if kind in NETWORK_FILE_SYSTEMS:
-        raise StoreError(
-            f"{path} is on a network file system ({kind}), where SQLite can lose data; "
-            "choose a local --data directory"
-        )
-
-
-def _sqlite_engine(path: Path, *, writer: bool) -> Engine:
-    from pysqlite3 import dbapi2
-
-    pool: dict[str, Any] = {"pool_size": 1, "max_overflow": 0}
-    if not writer:
-        pool = {"pool_size": READ_CONNECTIONS, "max_overflow": 0, "pool_timeout": 60}
-    engine = sa.create_engine(
-        f"sqlite+pysqlite:///{path}",
-        module=dbapi2,
-        poolclass=sa.pool.QueuePool,
-        connect_args={"check_same_thread": False, "timeout": BUSY_TIMEOUT_MS / 1000},
-        **pool,
-    )
-
-    @sa.event.listens_for(engine, "connect")
-    def _connect(connection: Any, _record: Any) -> None:
-        connection.isolation_level = None  # SQLAlchemy's begin, not the driver's guess
-        pragmas = ["foreign_keys=ON", f"busy_timeout={BUSY_TIMEOUT_MS}", "mmap_size=0"]
-        if writer:
-            pragmas += ["journal_mode=WAL", "synchronous=FULL", "journal_size_limit=67108864"]
-        else:
-            pragmas += ["query_only=ON", "wal_autocheckpoint=0"]
-        for pragma in pragmas:
-            connection.execute(f"PRAGMA {pragma}")
-
-    @sa.event.listens_for(engine, "begin")
-    def _begin(connection: Connection) -> None:
-        connection.exec_driver_sql("BEGIN IMMEDIATE" if writer else "BEGIN")
-
-    return engine
-
 
 def _translate(error: sa.exc.DBAPIError) -> StoreError:
-    text = str(error.orig)
-    if "disk is full" in text or "No space left" in text or "disk I/O error" in text:
+    text = str(error.orig).strip()
+    full = ("disk is full", "No space left", "disk I/O error")
+    if any(words in text for words in full) or getattr(error.orig, "sqlstate", "") == "53100":
         return DiskFull(f"the job database cannot grow: {text}; free space on its disk")
+    if type(error.orig).__module__.startswith("psycopg") and error.orig.sqlstate is None:  # type: ignore[union-attr]
+        return StoreError(f"cannot reach the job database: {text}")
     return StoreError(f"the job database refused: {text}")
 
 
@@ -98,24 +42,28 @@ class Database:
     """The open store. `write` and `read` take a function of a connection and return its result."""
 
     def __init__(self, path: Path | None, url: str | None = None) -> None:
-        """Open (and create) `path` with SQLite, or any database by `url`."""
+        """Open (and create) `path` with SQLite, or a PostgreSQL database by `url`."""
         self.path = path
         self.on_commit: Callable[[], None] | None = None  # called in the writer thread
+        self.shared = url is not None  # other processes may write too
+        self._leads = False
         if url is not None:
-            self._writer = sa.create_engine(url, pool_size=1, max_overflow=0)
-            self._readers = sa.create_engine(url, pool_size=READ_CONNECTIONS)
+            self._writer = postgresql.open_postgresql(url, writer=True)
+            self._readers = postgresql.open_postgresql(url, writer=False)
+            sa.event.listen(self._writer, "connect", self._lose_lease)
         else:
             assert path is not None
-            refuse_network_file_system(path.parent)
-            self._writer = _sqlite_engine(path, writer=True)
-            self._readers = _sqlite_engine(path, writer=False)
+            sqlite.refuse_network_file_system(path.parent)
+            self._writer = sqlite.open_sqlite(path, writer=True)
+            self._readers = sqlite.open_sqlite(path, writer=False)
         self._tasks: queue.SimpleQueue[tuple[Callable[[Connection], Any], Future[Any]] | None]
         self._tasks = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._run, name="matiere-writer", daemon=True)
         self._thread.start()
         self._closed = False
         try:
-            self._check_library()
+            if not self.shared:
+                self.write(lambda c: sqlite.check_sqlite(c, self.path))
             self._migrate()
         except BaseException:
             self.close()
@@ -162,39 +110,59 @@ class Database:
         self._readers.dispose()
         self._writer.dispose()  # the last SQLite connection checkpoints the WAL
 
+    # -- the scheduler lease --------------------------------------------------------------------
+    @property
+    def leads(self) -> bool:
+        """Tell whether this process is the one that schedules."""
+        return self._leads
+
+    def lead(self) -> bool:
+        """Try to become the process that schedules: at once on SQLite, whose lock is the folder's.
+
+        It lasts until `follow`, `close`, or the loss of the writing connection.
+        """
+        if self.shared:
+            self._leads = self.write(postgresql.take_lease)
+        else:
+            self._leads = True
+        return self._leads
+
+    def follow(self) -> None:
+        """Let another process schedule."""
+        if self.shared and self._leads:
+            self.write(postgresql.drop_lease)
+        self._leads = False
+
+    def _lose_lease(self, _connection: Any, _record: Any) -> None:
+        self._leads = False  # the lease went with the connection before this one
+
     # -- start --------------------------------------------------------------------------------
-    def _check_library(self) -> None:
-        if self._writer.dialect.name != "sqlite":
-            return
-        from pysqlite3 import dbapi2
-
-        if dbapi2.sqlite_version_info < SAFE_SQLITE:
-            log.warning("SQLite %s may corrupt a WAL; use 3.51.3 or newer", dbapi2.sqlite_version)
-        found = self.write(lambda c: c.exec_driver_sql("PRAGMA quick_check(3)").scalars().all())
-        if found != ["ok"]:
-            raise StoreError(f"{self.path} is damaged: {'; '.join(map(str, found))}")
-
     def _migrate(self) -> None:
         config = alembic.config.Config()
         config.set_main_option("script_location", str(Path(__file__).parents[1] / "migrations"))
         script = alembic.script.ScriptDirectory.from_config(config)
         head = script.get_current_head()
+        known = {revision.revision for revision in script.walk_revisions()}
+
+        def revision(connection: Connection) -> str | None:
+            return MigrationContext.configure(connection).get_current_revision()
 
         def upgrade(connection: Connection) -> None:
+            if revision(connection) == head:  # another process was faster
+                return
             config.attributes["connection"] = connection
             alembic.command.upgrade(config, "head")
 
-        current = self.read(lambda c: MigrationContext.configure(c).get_current_revision())
+        current = self.read(revision)
         if current == head:
             return
-        known = {revision.revision for revision in script.walk_revisions()}
         if current is not None and current not in known:
             raise StoreError(
                 f"the job database is at revision {current}, newer than this program ({head}); "
                 "install the newer matiere or choose another --data"
             )
         if current is not None and self.path is not None:
-            shutil.copy2(self.path, self.path.with_suffix(f".{current}.backup"))
+            sqlite.backup_sqlite(self.path, self.path.with_suffix(f".{current}.backup"))
         self.write(upgrade)
 
     def check(self) -> None:

@@ -28,6 +28,11 @@ def emit(
     )
 
 
+def newest(c: Connection) -> int:
+    """Return the number of the newest event, 0 if there is none."""
+    return c.scalar(sa.select(sa.func.max(event.c.seq))) or 0
+
+
 def read_events(
     c: Connection, after: int, job_id: str | None, sweep_id: str | None, limit: int
 ) -> list[Event]:

@@ -191,6 +191,8 @@ def claim(c: Connection, wanted: Claim) -> int | None:
     merged = c.scalar(sa.select(film.c.prefix_chunks).where(film.c.id == wanted.film_id)) or 0
     if any(k.state != MISSING for k in known) or min(wanted.chunks) < merged:
         return None
+    if c.scalar(sa.select(instance.c.ended).where(instance.c.id == wanted.instance_id)):
+        return None  # another process schedules by now
     now = time.time()
     token = c.execute(
         sa.insert(attempt)

@@ -22,10 +22,19 @@ def fake_work_on_path(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join([str(HERE), *([known] if known else [])]))
 
 
+@pytest.fixture(params=["sqlite", "postgresql"])
+def store(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """Run the test on SQLite and on PostgreSQL: `conftest_jobs.open_engine` opens that."""
+    import conftest_jobs
+
+    monkeypatch.setattr(conftest_jobs, "databases", {} if request.param == "postgresql" else None)
+    return str(request.param)
+
+
 @pytest.fixture
 def engine(tmp_path: Path) -> Iterator[Any]:
     """Return an open engine with two children that render numpy chunks."""
-    from matiere.jobs import open_engine
+    from conftest_jobs import FAKE, open_engine
 
-    with open_engine(tmp_path / "data", children=2, work="fake_work", min_free_bytes=0) as opened:
+    with open_engine(tmp_path / "data", children=2, **FAKE) as opened:
         yield opened

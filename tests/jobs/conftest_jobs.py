@@ -11,8 +11,28 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+from postgres_server import shared_server
+
+from matiere import jobs
+from matiere.jobs import Engine
+
 SCENE: dict[str, Any] = {"width": 32, "height": 24, "value": 1.0, "render": {"spp": 64}}
 FAKE: dict[str, Any] = {"work": "fake_work", "min_free_bytes": 0}
+databases: dict[str, str] | None = None  # data directory -> PostgreSQL URL; None: SQLite
+
+
+def stored(data: Path) -> dict[str, str]:
+    """Return the options of `open_engine` that choose the store of this test."""
+    if databases is None:
+        return {}
+    if str(data) not in databases:
+        databases[str(data)] = shared_server().database()
+    return {"database_url": databases[str(data)]}
+
+
+def open_engine(data: Path, **options: Any) -> Engine:
+    """Open an engine over the store that the fixture `store` chose."""
+    return jobs.open_engine(data, **stored(data), **options)
 
 
 def wait_until(condition: Callable[[], Any], timeout_s: float = 20.0) -> Any:
@@ -35,6 +55,7 @@ class Service:
     def __init__(self, data: Path, script: str, **options: Any) -> None:
         """Run `script` (it sees `engine`) in a fresh process and then wait for jobs for ever."""
         self.data = data
+        options |= stored(data)
         program = (
             "import sys, json, time\n"
             "from matiere.jobs import open_engine\n"

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest_jobs import FAKE, SCENE, report_of, wait_until
+from conftest_jobs import FAKE, SCENE, open_engine, report_of, wait_until
 
 from matiere.errors import SceneValidationError
-from matiere.jobs import Engine, JobState, open_engine
+from matiere.jobs import Engine, JobState
 from matiere.jobs.errors import (
     AssetMismatch,
     AssetMissing,
@@ -21,6 +21,8 @@ from matiere.jobs.errors import (
     JobNotFound,
     NotReadyYet,
 )
+
+pytestmark = pytest.mark.usefixtures("store")
 
 SLOW = SCENE | {"chunk_s": 0.05, "value": 2.0}  # 12 tiles x 10 ranges x 50 ms = 6 s of one thread
 

@@ -12,10 +12,20 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from conftest_jobs import FAKE, SCENE, Service, alive, children_of, report_of, wait_until
+from conftest_jobs import (
+    FAKE,
+    SCENE,
+    Service,
+    alive,
+    children_of,
+    open_engine,
+    report_of,
+    wait_until,
+)
 
-from matiere.jobs import open_engine
 from matiere.jobs.errors import DiskFull
+
+pytestmark = pytest.mark.usefixtures("store")
 
 SLOW = SCENE | {"chunk_s": 0.005, "render": {"spp": 24}}  # 12 tiles x 5 ranges = 60 chunks
 CELLS = 24
