@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
@@ -33,6 +33,8 @@ class Request:
     assets: Mapping[str, str]
     priority: int
     label: str
+    deadline: float | None = None  # Unix seconds
+    after: tuple[str, ...] = ()
 
 
 class Submitter:
@@ -66,7 +68,7 @@ class Submitter:
         faults: dict[tuple[str, str], Fault] = {}
         specs: list[JobSpec] = []
         for cell in sweeps.expand(base, axes, mode):
-            mine = Request(request.stop, request.assets, request.priority, cell.label)
+            mine = replace(request, label=cell.label)
             try:
                 spec = self._specify(cell.scene, mine, files, cell.index, cell.parameters)
             except SceneValidationError as error:
@@ -85,7 +87,8 @@ class Submitter:
             {"pointer": list(a.pointers), "label": a.label, "values": list(a.values),
              "labels": list(a.labels)} for a in axes
         ]  # fmt: skip
-        return SweepSpec(request.label, mode, plain, dict(base), columns), specs
+        made = SweepSpec(request.label, mode, plain, dict(base), columns, request.after)
+        return made, specs
 
     def _files(self, request: Request) -> Any:
         return self._work.asset_folder(self._data.view(request.assets), request.assets)
@@ -134,6 +137,8 @@ class Submitter:
             label=request.label,
             cell=cell,
             parameters=parameters or {},
+            deadline=request.deadline,
+            after=request.after,
         )
 
     def _read_files(self, facts: JsonDict, assets: JsonDict) -> None:
