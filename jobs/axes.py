@@ -156,7 +156,7 @@ _Source = tuple[str, tuple[Any, ...], tuple[str, ...], tuple[float, float] | Non
 
 
 def _source(raw: Mapping[str, Any], at: str, sets: Sets, most: int, faults: list[Fault]) -> _Source:
-    given = [key for key in SOURCES if key in raw]
+    given = [key for key in SOURCES if raw.get(key) is not None]
     if len(given) != 1:
         why = "an axis needs exactly one of " + ", ".join(f"'{key}'" for key in SOURCES)
         faults.append(Fault(at, "missing_key" if not given else "exclusive_keys", why))

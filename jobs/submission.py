@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
@@ -20,6 +20,7 @@ from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
 
 STOP_KEYS = ("spp", "seconds", "target_error")
 MAX_FAULTS = 100
+MAX_CELLS = 10_000
 MAX_REMEMBERED = 10_000
 
 FileCheck = Callable[[JsonDict, JsonDict], list[JsonDict]]
@@ -33,8 +34,6 @@ class Request:
     assets: Mapping[str, str]
     priority: int
     label: str
-    deadline: float | None = None  # Unix seconds
-    after: tuple[str, ...] = ()
 
 
 class Submitter:
@@ -56,24 +55,23 @@ class Submitter:
     def sweep(
         self,
         base: Mapping[str, Any],
-        raw_axes: Sequence[Mapping[str, Any]],
+        raw: Mapping[str, Any],
         request: Request,
-        mode: str,
         columns: int | None,
     ) -> tuple[SweepSpec, list[JobSpec]]:
         """Return the rows of a sweep; every cell is checked, all faults are raised at once."""
         _check_request(request)
-        axes = sweeps.parse_axes(raw_axes, base, mode)
+        plan = sweeps.parse_sweep(raw, base, max_cells=MAX_CELLS)
         files = self._files(request)
         faults: dict[tuple[str, str], Fault] = {}
         specs: list[JobSpec] = []
-        for cell in sweeps.expand(base, axes, mode):
-            mine = replace(request, label=cell.label)
+        for i in range(len(plan)):
+            mine = Request(request.stop, request.assets, request.priority, plan.label(i))
             try:
-                spec = self._specify(cell.scene, mine, files, cell.index, cell.parameters)
+                spec = self._specify(plan.scene(i), mine, files, i, plan.parameters(i))
             except SceneValidationError as error:
                 for fault in error.faults:
-                    placed = _on_axis(fault, axes, raw_axes, cell)
+                    placed = plan.blame(i, fault)
                     faults.setdefault((placed.pointer, placed.message), placed)
                 if len(faults) > MAX_FAULTS:
                     break
@@ -82,13 +80,10 @@ class Submitter:
         if faults:
             raise SceneValidationError(list(faults.values())[:MAX_FAULTS])
         if columns is None:
-            columns = sweeps.guess_columns(axes, mode, len(specs))
-        plain = [
-            {"pointer": list(a.pointers), "label": a.label, "values": list(a.values),
-             "labels": list(a.labels)} for a in axes
-        ]  # fmt: skip
-        made = SweepSpec(request.label, mode, plain, dict(base), columns, request.after)
-        return made, specs
+            columns = sweeps.guess_columns(plan.axes, plan.mode, len(specs))
+        axes = [axis.to_dict() for axis in plan.axes]
+        spec_of_all = SweepSpec(request.label, plan.mode, axes, dict(base), columns, plan.baseline)
+        return spec_of_all, specs
 
     def _files(self, request: Request) -> Any:
         return self._work.asset_folder(self._data.view(request.assets), request.assets)
@@ -137,8 +132,6 @@ class Submitter:
             label=request.label,
             cell=cell,
             parameters=parameters or {},
-            deadline=request.deadline,
-            after=request.after,
         )
 
     def _read_files(self, facts: JsonDict, assets: JsonDict) -> None:
@@ -194,22 +187,4 @@ def _on_stop(fault: Fault, stop: Mapping[str, Any] | None) -> Fault:
         if fault.pointer == at or fault.pointer.startswith(at + "/"):
             moved = "/stop/" + fault.pointer.removeprefix("/render/")
             return Fault(moved, fault.code, fault.message, fault.suggestion)
-    return fault
-
-
-def _on_axis(
-    fault: Fault,
-    axes: Sequence[sweeps.Axis],
-    raw: Sequence[Mapping[str, Any]],
-    cell: sweeps.Cell,
-) -> Fault:
-    """Point at the axis value that put the bad value into the scene."""
-    for number, axis in enumerate(axes):
-        for pointer in axis.pointers:
-            if fault.pointer == pointer or fault.pointer.startswith(pointer + "/"):
-                key = next(k for k in sweeps.SOURCES if k in raw[number])
-                inner = fault.pointer.removeprefix(pointer)
-                at = f"/axes/{number}/{key}"
-                at += f"/{cell.place[number]}{inner}" if key == "values" else ""
-                return Fault(at, fault.code, fault.message, fault.suggestion)
     return fault

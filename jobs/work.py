@@ -294,7 +294,12 @@ def make_sheet(cells: Sequence[Mapping[str, Any]], request: JsonDict) -> bytes:
 
     axes, columns = request["axes"], request["columns"]
     heads: dict[str, Any] = {}
-    if request["mode"] == "grid" and len(axes) == 2 and columns == len(axes[1]["values"]):
+    if (
+        request["mode"] == "grid"
+        and len(axes) == 2
+        and columns == len(axes[1]["values"])
+        and (len(cells) == columns * len(axes[0]["values"]))
+    ):
         rows, across = axes
         heads["column_headers"] = [f"{across['label']} {text}" for text in across["labels"]]
         heads["row_headers"] = [f"{rows['label']} {text}" for text in rows["labels"]]

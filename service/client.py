@@ -86,13 +86,6 @@ class JobStatus(_View):
     error: dict[str, Any] | None = None
     cell: int | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)
-    priority: int = 50
-    effective_priority: float = 50.0
-    deadline: str | None = None
-    after: list[str] = Field(default_factory=list)
-    waiting_for: int = 0
-    attempt: int = 1
-    history: list[dict[str, Any]] = Field(default_factory=list)
     links: dict[str, str] = Field(default_factory=dict)
 
     @property
@@ -111,6 +104,7 @@ class SweepStatus(_View):
     cells: int
     counts: dict[str, int]
     columns: int
+    baseline: int | None = None
     links: dict[str, str] = Field(default_factory=dict)
 
     @property
@@ -164,8 +158,6 @@ class Client:
         stop: Mapping[str, Any] | None = None,
         priority: int | None = None,
         label: str = "",
-        deadline: float | str | None = None,
-        after: Sequence[str] = (),
         asset_root: str | os.PathLike[str] | None = None,
         idempotency_key: str | None = None,
         on_upload: Callable[[str, int, int], None] | None = None,
@@ -173,13 +165,11 @@ class Client:
         """Submit a scene file or dict, uploading the files that the service lacks.
 
         Files are looked up in the scene's folder, or in `asset_root`; names not found there are
-        left to the service. `deadline` is in seconds from now or a moment in RFC 3339; the job
-        waits until all that `after` names (ids of jobs and sweeps) have succeeded.
-        `on_upload(name, bytes_sent, bytes_all)` reports progress.
+        left to the service. `on_upload(name, bytes_sent, bytes_all)` reports progress.
         Raises `ServiceError`, `Unreachable`, and `SceneValidationError` for a file that is no JSON.
         """
         document, root = _read(scene, asset_root)
-        body: dict[str, Any] = {"scene": document, "label": label, **_when(deadline, after)}
+        body: dict[str, Any] = {"scene": document, "label": label}
         answer = self._submit(
             "/v1/jobs", body, document, root, stop, priority, idempotency_key, on_upload
         )
@@ -195,13 +185,15 @@ class Client:
         stop: Mapping[str, Any] | None = None,
         priority: int | None = None,
         label: str = "",
-        deadline: float | str | None = None,
-        after: Sequence[str] = (),
         asset_root: str | os.PathLike[str] | None = None,
         idempotency_key: str | None = None,
         on_upload: Callable[[str, int, int], None] | None = None,
+        **language: Any,
     ) -> SweepStatus:
-        """Submit a sweep: a base scene and its axes; otherwise like `submit`."""
+        """Submit a sweep: a base scene and its axes; otherwise like `submit`.
+
+        `language` is the rest of docs/sweep.md: `where`, `overrides`, `baseline`, ...
+        """
         document, root = _read(base, asset_root)
         body: dict[str, Any] = {
             "base": document,
@@ -209,7 +201,7 @@ class Client:
             "mode": mode,
             "columns": columns,
             "label": label,
-            **_when(deadline, after),
+            **language,
         }
         answer = self._submit(
             "/v1/sweeps", body, document, root, stop, priority, idempotency_key, on_upload
@@ -228,8 +220,7 @@ class Client:
         on_upload: Callable[[str, int, int], None] | None,
     ) -> Any:
         files = local_files(document, root)
-        for axis in body.get("axes", ()):
-            files |= _files_of_axis(axis, root)
+        files |= _files_of_sweep(body, root)
         body["assets"] = {name: digest for name, (digest, _) in files.items()}
         if stop:
             body["stop"] = dict(stop)
@@ -296,17 +287,7 @@ class Client:
 
     def cancel(self, job_id: str) -> JobStatus:
         """Cancel a job."""
-        return self.steer(job_id, "cancel")
-
-    def steer(self, job_id: str, step: str) -> JobStatus:
-        """Ask a job to `cancel`, `pause`, `resume` or `requeue`."""
-        return JobStatus.model_validate(self._request("POST", f"/v1/jobs/{job_id}:{step}").json())
-
-    def set_priority(self, job_id: str, priority: int) -> JobStatus:
-        """Change the priority of a job that has not ended."""
-        change = {"priority": priority}
-        answer = self._request("PATCH", f"/v1/jobs/{job_id}", json=change).json()
-        return JobStatus.model_validate(answer)
+        return JobStatus.model_validate(self._request("POST", f"/v1/jobs/{job_id}:cancel").json())
 
     def wait(
         self,
@@ -332,17 +313,7 @@ class Client:
 
     def cancel_sweep(self, sweep_id: str) -> SweepStatus:
         """Cancel every live cell of a sweep."""
-        return self.steer_sweep(sweep_id, "cancel")
-
-    def steer_sweep(self, sweep_id: str, step: str) -> SweepStatus:
-        """Ask the cells of a sweep to `cancel`, `pause`, `resume` or `requeue`."""
-        answer = self._request("POST", f"/v1/sweeps/{sweep_id}:{step}").json()
-        return SweepStatus.model_validate(answer)
-
-    def set_sweep_priority(self, sweep_id: str, priority: int) -> SweepStatus:
-        """Change the priority of the cells of a sweep that have not ended."""
-        change = {"priority": priority}
-        answer = self._request("PATCH", f"/v1/sweeps/{sweep_id}", json=change).json()
+        answer = self._request("POST", f"/v1/sweeps/{sweep_id}:cancel").json()
         return SweepStatus.model_validate(answer)
 
     # -- results ------------------------------------------------------------------------------
@@ -428,14 +399,26 @@ def local_files(document: Mapping[str, Any], root: Path) -> dict[str, tuple[str,
     return {name: found for name in sorted(names) if (found := _local(name, root)) is not None}
 
 
-def _files_of_axis(axis: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
-    """Return the files that an axis puts into the scene: by its pointer, or inside its values."""
-    pointers = axis.get("pointer")
-    pointers = [pointers] if isinstance(pointers, str) else pointers or []
-    values = axis.get("values") or []
-    names = set(_named_files(values))
-    if any(str(at).endswith("/file") for at in pointers):
-        names |= {name for name in values if isinstance(name, str)}
+def _files_of_sweep(body: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
+    """Return the files that a sweep puts into its scenes: by a pointer, or inside values."""
+    names: set[str] = set()
+    called: list[str] = []  # pointers and axis labels whose values are file names
+    sets = body.get("sets") or {}
+    for axis in body.get("axes") or ():
+        pointers = axis.get("pointer")
+        pointers = [pointers] if isinstance(pointers, str) else pointers or []
+        values = axis.get("values") or sets.get(axis.get("set")) or []
+        values = list(values.values()) if isinstance(values, Mapping) else values
+        names |= set(_named_files(values))
+        if any(str(at).endswith("/file") for at in pointers):
+            names |= {name for name in values if isinstance(name, str)}
+            called.append(axis.get("label") or "file")
+    settings = [*(body.get("list") or ()), *(o.get("set", {}) for o in body.get("overrides") or ())]
+    for values in settings:
+        names |= set(_named_files(list(values.values())))
+        for to, name in values.items():
+            if isinstance(name, str) and (to.endswith("/file") or to in called):
+                names.add(name)
     return {name: found for name in sorted(names) if (found := _local(name, root)) is not None}
 
 
@@ -465,12 +448,6 @@ def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in lower-case hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
-
-
-def _when(deadline: float | str | None, after: Sequence[str]) -> dict[str, Any]:
-    """Return what was given of these two: an older service knows neither."""
-    given = {"deadline": deadline, "after": list(after)}
-    return {key: value for key, value in given.items() if value not in (None, [])}
 
 
 def _read(

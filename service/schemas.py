@@ -7,7 +7,6 @@ A scene is passed on as it came (`dict`): `matiere.jobs` validates it once, agai
 from __future__ import annotations
 
 import posixpath
-from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 
@@ -31,6 +30,7 @@ Scene = Annotated[
     dict[str, Any],
     Field(description="A scene, version 1; GET /v1/schema is its JSON Schema."),
 ]
+SOURCES = ("values", "linspace", "logspace", "set", "uniform", "loguniform")  # of an axis
 Number = int | float  # a whole number stays one: seeds and sample counts are no floats
 
 
@@ -130,26 +130,10 @@ class _Submission(_WithAssets):
     cache: Literal["use"] = Field(
         "use", description="an equal film rendered before is continued, never rendered again"
     )
-    deadline: Number | str | None = Field(
-        None,
-        description="seconds from now, or a moment (RFC 3339): what is not complete then ends as"
-        " `expired`, with the samples it has",
-    )
-    after: list[Annotated[str, StringConstraints(max_length=36)]] = Field(
-        default_factory=list,
-        max_length=1000,
-        description="ids of jobs and sweeps that must succeed before this begins",
-    )
 
     def stop_rule(self) -> dict[str, Any] | None:
         """Return the stop rule as the queue takes it."""
         return self.stop.given() if self.stop else None
-
-
-class Change(_Request):
-    """What can be changed of a job or sweep that has not ended."""
-
-    priority: int = Field(ge=MIN_PRIORITY, le=MAX_PRIORITY, description="higher runs first")
 
 
 class JobSubmission(_Submission):
@@ -159,7 +143,7 @@ class JobSubmission(_Submission):
 
 
 class Axis(_Request):
-    """One thing that varies: exactly one of `values`, `linspace`, `logspace`."""
+    """One thing that varies, and the values it takes or the range it takes them from."""
 
     pointer: str | list[str] = Field(description="JSON pointer(s) into the base scene")
     values: list[JsonValue] | None = Field(None, min_length=1)
@@ -171,30 +155,83 @@ class Axis(_Request):
         description="first, last, count; first and last are values, not exponents",
         strict=False,
     )
+    set: str | None = Field(None, description="name of a set of values: metals, or one of `sets`")
+    uniform: tuple[Number, Number] | None = Field(
+        None, description="low, high; for mode sobol", strict=False
+    )
+    loguniform: tuple[Number, Number] | None = Field(
+        None, description="low, high, evenly spread logarithms; for mode sobol", strict=False
+    )
     label: Label | None = None
     labels: list[Label] | None = Field(None, description="one text per value")
 
     @model_validator(mode="after")
     def _one_kind(self) -> Axis:
-        given = [k for k in ("values", "linspace", "logspace") if getattr(self, k) is not None]
-        if len(given) != 1:
-            raise ValueError(
-                "give exactly one of values, linspace, logspace"
-                + (f", not {' and '.join(given)}" if given else "")
-            )
+        given = [key for key in SOURCES if getattr(self, key) is not None]
+        if len(given) > 1:
+            raise ValueError(f"give exactly one of {', '.join(SOURCES)}, not {' and '.join(given)}")
         return self
 
-    def plain(self) -> dict[str, Any]:
-        """Return the axis as the queue takes it."""
-        return self.model_dump(mode="json", exclude_none=True)
+
+class SobolPoints(_Request):
+    """How many points of the sequence, and which sequence."""
+
+    count: int = Field(ge=1, description="cells, before `where` leaves some out")
+    seed: int = Field(1, ge=0, lt=2**32, description="another seed gives other points")
 
 
-class SweepSubmission(_Submission):
-    """A base scene and the axes along which it varies: one job per cell."""
+class Override(_Request):
+    """Further settings of the cells for which a condition holds."""
+
+    when: str = Field(description="condition over axis labels, as in `where`")
+    set: dict[str, JsonValue] = Field(min_length=1, description="JSON pointer -> value")
+    label: Label = Field("", description="added to the cells' labels")
+
+
+# A field called `list` would hide the type from the annotations of its class.
+Axes = list[Axis]
+Conditions = list[str]
+Overrides = list[Override]
+Cells = list[dict[str, JsonValue]]
+NamedSets = dict[str, list[JsonValue] | dict[str, JsonValue]]
+
+
+class SweepLanguage(BaseModel):
+    """The cells of a sweep; docs/sweep.md explains the words."""
+
+    axes: Axes | None = Field(
+        None, max_length=16, description="what varies; in mode list only names for pointers"
+    )
+    mode: Literal["grid", "zip", "sobol", "list"] = Field(
+        "grid",
+        description="all combinations, in step, points that fill a box evenly, or cell by cell",
+    )
+    sobol: SobolPoints | None = Field(None, description="for mode sobol")
+    sets: NamedSets | None = Field(
+        None, description="name -> values, or label -> value, for axes with `set`"
+    )
+    where: Conditions | None = Field(
+        None, max_length=32, description="conditions that every cell satisfies"
+    )
+    overrides: Overrides | None = Field(None, max_length=100)
+    baseline: int | dict[str, JsonValue] | None = Field(
+        None, description="the cell to compare with: its number, or axis label -> value"
+    )
+    list: Cells | None = Field(
+        None, min_length=1, description="for mode list: axis label or JSON pointer -> value"
+    )
+
+    def language(self) -> dict[str, Any]:
+        """Return what was given, beside the mode, as the queue takes it."""
+        names = set(SweepLanguage.model_fields) - {"mode"}
+        given = self.model_dump(mode="json", include=names, exclude_unset=True)
+        return {name: value for name, value in given.items() if value is not None}
+
+
+class SweepSubmission(_Submission, SweepLanguage):
+    """A base scene and what varies in it: one job per cell."""
 
     base: Scene
-    axes: list[Axis] = Field(min_length=1, max_length=16)
-    mode: Literal["grid", "zip"] = Field("grid", description="all combinations, or in step")
     columns: int | None = Field(None, ge=1, le=1000, description="columns of the contact sheet")
 
 
@@ -205,34 +242,6 @@ class ErrorView(BaseModel):
     message: str
     pointer: str
     log_tail: str
-
-
-class PastAttempt(BaseModel):
-    """How an earlier attempt of a requeued job ended."""
-
-    attempt: int
-    state: JobState
-    queued: datetime
-    started: datetime | None
-    finished: datetime | None
-    error: ErrorView | None
-
-    @classmethod
-    def of(cls, line: Mapping[str, Any]) -> PastAttempt:
-        """Show a line of `Job.history`."""
-        error = None
-        if line["error_code"] is not None:
-            keys = ("code", "message", "pointer")
-            texts = {key: line[f"error_{key}"] or "" for key in keys}
-            error = ErrorView(**texts, log_tail=line["error_log"] or "")
-        return cls(
-            attempt=line["attempt"],
-            state=line["state"],
-            queued=_time(line["queued"]),
-            started=_time_or_none(line["started"]),
-            finished=_time_or_none(line["finished"]),
-            error=error,
-        )
 
 
 class JobView(BaseModel):
@@ -260,12 +269,6 @@ class JobView(BaseModel):
     sweep_id: str | None
     cell: int | None
     parameters: dict[str, Any]
-    effective_priority: float = Field(description="priority, and a point a minute of waiting")
-    deadline: datetime | None
-    after: list[str] = Field(description="jobs and sweeps that must succeed first")
-    waiting_for: int = Field(description="how many of `after` have not succeeded yet")
-    attempt: int = Field(description="1, and one more with every requeue")
-    history: list[PastAttempt] = Field(description="how the attempts before this one ended")
     links: dict[str, str]
 
     @classmethod
@@ -273,8 +276,8 @@ class JobView(BaseModel):
         """Show `job`."""
         self_link = f"/v1/jobs/{job.id}"
         links = {"self": self_link}
-        for action in steps(job.state):
-            links[action] = f"{self_link}:{action}"
+        if not job.state.final:
+            links["cancel"] = f"{self_link}:cancel"
         for kind in job.artifacts:
             if kind in JOB_FILES:
                 links[JOB_FILES[kind][0]] = f"{self_link}/{JOB_FILES[kind][1]}"
@@ -304,12 +307,6 @@ class JobView(BaseModel):
             sweep_id=job.sweep_id,
             cell=job.cell,
             parameters=job.parameters,
-            effective_priority=job.effective_priority,
-            deadline=_time_or_none(job.deadline),
-            after=list(job.after),
-            waiting_for=job.waiting_for,
-            attempt=job.attempt,
-            history=[PastAttempt.of(line) for line in job.history],
             links=links,
         )
 
@@ -341,10 +338,9 @@ class SweepView(BaseModel):
     cells: int
     counts: dict[str, int] = Field(description="cells by state")
     columns: int
+    baseline: int | None = Field(description="number of the cell that others are compared with")
     created: datetime
     finished: datetime | None
-    after: list[str] = Field(description="jobs and sweeps that must succeed first")
-    waiting_for: int = Field(description="how many of `after` have not succeeded yet")
     links: dict[str, str]
 
     @classmethod
@@ -352,9 +348,8 @@ class SweepView(BaseModel):
         """Show `sweep`."""
         self_link = f"/v1/sweeps/{sweep.id}"
         links = {"self": self_link, "jobs": f"/v1/jobs?sweep={sweep.id}"}
-        states = (JobState(state) for state, n in sweep.counts.items() if n)
-        for action in dict.fromkeys(step for state in states for step in steps(state)):
-            links[action] = f"{self_link}:{action}"
+        if not sweep.done:
+            links["cancel"] = f"{self_link}:cancel"
         if "contact-sheet.png" in sweep.artifacts:
             links["contact_sheet"] = f"{self_link}/contact-sheet.png"
         return cls(
@@ -366,10 +361,9 @@ class SweepView(BaseModel):
             cells=sweep.cells,
             counts=sweep.counts,
             columns=sweep.columns,
+            baseline=sweep.baseline,
             created=_time(sweep.created),
             finished=_time_or_none(sweep.finished),
-            after=list(sweep.after),
-            waiting_for=sweep.waiting_for,
             links=links,
         )
 
@@ -425,22 +419,10 @@ class ReadyView(BaseModel):
     checks: dict[str, CheckView]
 
 
-def steps(state: JobState) -> tuple[str, ...]:
-    """Return what can be asked of a job in this state."""
-    if state is JobState.SUCCEEDED:
-        return ()
-    if state.final:
-        return ("requeue",)
-    return ("cancel", "resume" if state is JobState.PAUSED else "pause")
-
-
 def sweep_state(sweep: Sweep) -> JobState:
     """Return one state for the whole: the worst end once every cell has ended."""
     count = {JobState(state): n for state, n in sweep.counts.items() if n}
     if not sweep.done:
-        waiting = {state for state in count if not state.final}
-        if waiting == {JobState.PAUSED}:
-            return JobState.PAUSED
         return JobState.QUEUED if set(count) <= {JobState.QUEUED} else JobState.RUNNING
     for state in (JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED):
         if state in count:

@@ -119,7 +119,7 @@ class OutputFolder:
         texts = {
             (axis["label"], _key(value)): text
             for axis in sweep.axes
-            for value, text in zip(axis["values"], axis["labels"], strict=True)
+            for value, text in zip(axis.get("values", ()), axis.get("labels", ()), strict=True)
         }
         part = self.folder / f".table.{os.getpid()}.part"
         with part.open("w", newline="", encoding="utf-8") as file:

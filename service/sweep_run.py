@@ -143,6 +143,7 @@ def _attach(client: Client, folder: OutputFolder, sweep: LoadedSweep) -> SweepSt
             priority=sweep.priority,
             asset_root=sweep.root,
             on_upload=on_upload,
+            **sweep.language,
         )
     folder.begin(status.id, digest)
     return status

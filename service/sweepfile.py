@@ -6,19 +6,20 @@ The format is described in docs/sweep.md.
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
 import rfc8785
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import ConfigDict, Field, ValidationError
 
 from matiere.errors import Fault, SceneValidationError, pointer
+from matiere.jobs.sweep import parse_sweep
 from matiere.scene import document
-from matiere.service.schemas import Axis, Label
+from matiere.service.schemas import Label, SweepLanguage
 
 
-class SweepFile(BaseModel):
+class SweepFile(SweepLanguage):
     """A sweep file, version 1."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True)
@@ -27,8 +28,6 @@ class SweepFile(BaseModel):
     base: str | dict[str, Any] = Field(
         description="the scene, or the name of its file beside this one"
     )
-    axes: list[Axis] = Field(min_length=1, max_length=16)
-    mode: Literal["grid", "zip"] = "grid"
     render: dict[str, Any] = Field(
         default_factory=dict, description="laid over the base scene's `render` section"
     )
@@ -48,20 +47,22 @@ class LoadedSweep:
     label: str
     priority: int | None
     root: Path  # folder of the base scene, where its files lie
+    language: dict[str, Any] = field(default_factory=dict)  # beside axes and mode
 
     def digest(self, files: dict[str, tuple[str, Path]]) -> str:
         """Return a SHA-256 (hex) over all that decides the images, `files` included."""
         pins = {name: digest for name, (digest, _) in files.items()}
-        return hashlib.sha256(
-            rfc8785.dumps([self.base, self.axes, self.mode, self.columns, pins])
-        ).hexdigest()
+        parts = [self.base, self.axes, self.mode, self.columns, pins]
+        if self.language:
+            parts.append(self.language)
+        return hashlib.sha256(rfc8785.dumps(parts)).hexdigest()
 
 
 def load_sweep(path: Path) -> LoadedSweep:
     """Read a sweep file and its base scene.
 
-    Raises `SceneValidationError` with pointers into the sweep file; the scene itself is checked by
-    the service, cell by cell.
+    Raises `SceneValidationError` with pointers into the sweep file; the scenes are checked by the
+    service, cell by cell.
     """
     plain = _plain(path, "")
     try:
@@ -80,14 +81,17 @@ def load_sweep(path: Path) -> LoadedSweep:
             raise SceneValidationError([Fault("/base", "wrong_type", "a scene is a JSON object")])
     render = base.get("render")
     base = {**base, "render": {**(render if isinstance(render, dict) else {}), **sweep.render}}
+    language = sweep.language()
+    parse_sweep({"mode": sweep.mode, **language}, base)
     return LoadedSweep(
         base=base,
-        axes=[axis.plain() for axis in sweep.axes],
+        axes=language.pop("axes", []),
         mode=sweep.mode,
         columns=sweep.columns,
         label=sweep.label or path.stem,
         priority=sweep.priority,
         root=folder,
+        language=language,
     )
 
 

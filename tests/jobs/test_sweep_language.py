@@ -347,3 +347,25 @@ def test_a_hundred_thousand_cells_take_next_to_no_memory() -> None:
     assert "100,100 cells" in fault.message
     few = {"pointer": LIGHT, "values": list(range(51))}
     assert "at most 50" in refused({"axes": [few]}, max_cells=50)[0].message
+
+
+# -- through the queue --------------------------------------------------------------------------
+def test_the_queue_takes_the_whole_language(engine: Any) -> None:
+    axes = [{"pointer": "/value", "set": "levels", "label": "level"},
+            {"pointer": "/x", "values": [1, 2]}]  # fmt: skip
+    scene = {"width": 8, "height": 8, "value": 1.0, "render": {"spp": 4}}
+    language = {
+        "sets": {"levels": {"low": 1, "high": 2}}, "where": ["level >= x"],
+        "baseline": {"level": 1},
+        "overrides": [{"when": "x == 2", "set": {"/value": 9}, "label": "bright"}],
+    }  # fmt: skip
+    made = engine.submit_sweep(scene, axes, idempotency_key="k", **language)
+    assert engine.submit_sweep(scene, axes, idempotency_key="k", **language).id == made.id
+    assert (made.cells, made.baseline, made.columns) == (3, 0, 3)
+    labels = [job.label for job in engine.list_jobs(sweep_id=made.id)]
+    assert labels == ["low, 1", "high, 1", "high, 2, bright"]
+    assert engine.wait_sweep(made.id, 30).counts["succeeded"] == 3
+    bad = {**language, "overrides": [{"when": "x == 2", "set": {"/value": -1}}]}
+    with pytest.raises(SceneValidationError) as caught:
+        engine.submit_sweep(scene, axes, **bad)
+    assert [f.pointer for f in caught.value.faults] == ["/overrides/0/set/~1value"]

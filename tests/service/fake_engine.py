@@ -32,7 +32,6 @@ from matiere.jobs.job import (
     JobState,
     Readiness,
     Sweep,
-    check_transition,
 )
 
 FILES = ("image.png", "image.exr", "report.json", "error.svg")
@@ -66,8 +65,6 @@ class FakeEngine(Engine):
         assets: Mapping[str, str] | None = None,
         priority: int = 50,
         label: str = "",
-        deadline: float | str | None = None,
-        after: Sequence[str] = (),
         idempotency_key: str | None = None,
     ) -> Job:
         """Keep a job."""
@@ -173,29 +170,6 @@ class FakeEngine(Engine):
             job = self.finish(job_id, JobState.CANCELLED)
         return job
 
-    def pause_job(self, job_id: str) -> Job:
-        """Pause a job."""
-        return self._change(job_id, JobState.PAUSED)
-
-    def resume_job(self, job_id: str) -> Job:
-        """Queue a job again."""
-        return self._change(job_id, JobState.QUEUED)
-
-    def requeue_job(self, job_id: str) -> Job:
-        """Queue a job again."""
-        return self._change(job_id, JobState.QUEUED)
-
-    def _change(self, job_id: str, state: JobState) -> Job:
-        job = self.get_job(job_id)
-        check_transition(job.state, state)
-        self.jobs[job_id] = replace(job, state=state)
-        return self.jobs[job_id]
-
-    def set_priority(self, job_id: str, priority: int) -> Job:
-        """Change a priority."""
-        self.jobs[job_id] = replace(self.get_job(job_id), priority=priority)
-        return self.jobs[job_id]
-
     def submit_sweep(
         self,
         base: Mapping[str, Any],
@@ -207,11 +181,12 @@ class FakeEngine(Engine):
         priority: int = 50,
         label: str = "",
         columns: int | None = None,
-        deadline: float | str | None = None,
-        after: Sequence[str] = (),
         idempotency_key: str | None = None,
+        **language: Any,
     ) -> Sweep:
         """Keep a sweep along its first axis."""
+        if not axes:
+            raise SceneValidationError([Fault("/axes", "wrong_length", "a sweep needs axes")])
         if base.get("version") != 1:
             raise SceneValidationError([Fault("/version", "literal_error", "must be 1")])
         if axes[0]["pointer"] == "/nowhere":
@@ -235,6 +210,7 @@ class FakeEngine(Engine):
             finished=None,
             columns=columns or 4,
             artifacts=(),
+            baseline=language.get("baseline"),
         )
         return self.get_sweep(sweep_id)
 

@@ -209,7 +209,7 @@ def test_submit_command_without_a_service(
 
 
 def test_files_inside_the_values_of_an_axis_are_sent(tmp_path: Path) -> None:
-    from matiere.service.client import _files_of_axis
+    from matiere.service.client import _files_of_sweep
 
     for name in ("a.binary", "b.binary"):
         (tmp_path / name).write_bytes(name.encode())
@@ -217,5 +217,13 @@ def test_files_inside_the_values_of_an_axis_are_sent(tmp_path: Path) -> None:
         {"type": "measured", "file": "a.binary"},
         {"type": "mix", "a": {"type": "measured", "file": "b.binary"}, "b": {"file": "none"}},
     ]
-    found = _files_of_axis({"pointer": "/materials/ball", "values": values}, tmp_path)
-    assert sorted(found) == ["a.binary", "b.binary"]
+    ball, file = "/materials/ball", "/materials/ball/file"
+    for body in (
+        {"axes": [{"pointer": ball, "values": values}]},
+        {"axes": [{"pointer": file, "values": ["a.binary", "b.binary"]}]},
+        {"axes": [{"pointer": ball, "set": "s"}], "sets": {"s": {"x": values}}},
+        {"list": [{ball: values[0]}, {file: "b.binary"}]},
+        {"axes": [{"pointer": file, "label": "of"}], "list": [{"of": f"{x}.binary"} for x in "ab"]},
+        {"overrides": [{"when": "x < 1", "set": {ball: values[0], file: "b.binary"}}]},
+    ):
+        assert sorted(_files_of_sweep(body, tmp_path)) == ["a.binary", "b.binary"], body

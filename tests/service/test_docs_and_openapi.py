@@ -12,6 +12,7 @@ import pytest
 from fake_engine import FakeEngine
 from fastapi import FastAPI
 
+from matiere.jobs.sweep import parse_sweep
 from matiere.scene.model import TargetError
 from matiere.service.errors import ALIASES, CODES, TYPE_PREFIX
 from matiere.service.schemas import JobSubmission, SweepSubmission, Target
@@ -64,9 +65,12 @@ def test_json_of_the_documents_is_accepted(root: Path, http_page: str) -> None:
     SweepSubmission.model_validate(json.loads(re.findall(r"```json\n(.*?)```", sweeps, re.S)[0]))
     page = (root / "docs" / "sweep.md").read_text(encoding="utf-8")
     blocks = re.findall(r"```json[^\n]*\n(.*?)```", page, re.S)
-    file, axis = (json.loads(block) for block in blocks)
-    SweepFile.model_validate(file)
-    SweepFile.model_validate({**file, "axes": [axis]})
+    file, *parts = (json.loads(block) for block in blocks)
+    base = json.loads((root / file["base"]).read_text(encoding="utf-8"))
+    for part in [{}, *parts]:
+        whole = {**file, **({"axes": [part]} if "pointer" in part else part)}
+        language = SweepFile.model_validate(whole).language()
+        assert len(parse_sweep({"mode": whole.get("mode", "grid"), **language}, base)) > 1
     keys = {row[0].strip("`") for row in table(page, "The file")}
     assert set(SweepFile.model_fields) <= keys
 
