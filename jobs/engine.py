@@ -34,7 +34,9 @@ from typing import Any, TypeVar
 from uuid6 import uuid7
 
 from matiere.errors import Fault, SceneValidationError
+from matiere.jobs import deadline as deadlines
 from matiere.jobs.artifacts import fsync_folder
+from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
 from matiere.jobs.errors import (
     AssetMismatch,
@@ -109,7 +111,7 @@ def open_engine(
     return engine
 
 
-class Engine:
+class Engine(Controls):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(
@@ -233,23 +235,30 @@ class Engine:
         assets: Mapping[str, str] | None = None,
         priority: int = DEFAULT_PRIORITY,
         label: str = "",
+        deadline: float | str | None = None,
+        after: Sequence[str] = (),
         idempotency_key: str | None = None,
     ) -> Job:
         """Validate, pin and queue one scene; the job is durable when this returns.
 
         `stop` holds any of `spp`, `seconds`, `target_error`; given, it replaces the scene's own
         stop rule as in `mt.render`. `seconds` counts the film's render time as if all children
-        worked on it (thread seconds / slots). `priority` is 0..100, higher first. Pointers in
-        errors are relative to the scene, or to `stop` (prefix `/stop`). Raises
+        worked on it (thread seconds / slots). `priority` is 0..100, higher first. At `deadline`
+        (seconds from now, or a moment in RFC 3339) the job ends as `expired` with what is rendered
+        by then. It begins when all jobs and sweeps in `after` (ids) have succeeded; if one does
+        not, it is cancelled as `dependency_failed`. Pointers in errors are relative to the scene,
+        or to `stop` (prefix `/stop`) and the other arguments. Raises
         `SceneValidationError` (all errors at once), `AssetMissing`, `IdempotencyConflict`,
         `DiskFull`, `Draining`.
         """
         self._accepting()
-        request = Request(stop, assets or {}, priority, label)
-        digest = body_hash("job", scene, stop, assets, priority, label)
+        moment = _given(deadline, after)
+        digest = body_hash("job", scene, stop, assets, priority, label, *moment)
         key = jobs.Key(idempotency_key, digest) if idempotency_key else None
         if key is not None and (known := self._db.read(lambda c: jobs.replayed(c, key, "job"))):
             return self.get_job(known)
+        ends = deadlines.parse(deadline, time.time())
+        request = Request(stop, assets or {}, priority, label, ends, tuple(after))
         spec = self._submitter.job(scene, request)
         job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
         self._scheduler.wake()
@@ -270,12 +279,6 @@ class Engine:
         """List jobs, newest first; cells of a sweep by cell index. `after` is the last id seen."""
         return self._db.read(lambda c: views.list_jobs(c, state, sweep_id, after, limit))
 
-    def cancel_job(self, job_id: str) -> Job:
-        """Cancel a live job; a film that another job wants goes on. An ended job is unchanged."""
-        self._db.write(lambda c: jobs.cancel_job(c, job_id))
-        self._scheduler.wake()
-        return self.get_job(job_id)
-
     def wait_job(self, job_id: str, timeout_s: float | None = None) -> Job:
         """Return the job once it has ended, or as it is when the time is up."""
         return self._wait(lambda: self.get_job(job_id), lambda job: job.state.final, timeout_s)
@@ -292,6 +295,8 @@ class Engine:
         priority: int = DEFAULT_PRIORITY,
         label: str = "",
         columns: int | None = None,
+        deadline: float | str | None = None,
+        after: Sequence[str] = (),
         idempotency_key: str | None = None,
         **language: Any,
     ) -> Sweep:
@@ -304,12 +309,14 @@ class Engine:
         is validated; errors carry `/axes/0/values/3`-like or scene pointers.
         """
         self._accepting()
-        request = Request(stop, assets or {}, priority, label)
         parts = [base, axes, mode, stop, assets, priority, label, columns]
-        digest = body_hash("sweep", *parts, *([language] if language else []))
+        parts += [*_given(deadline, after), *([language] if language else [])]
+        digest = body_hash("sweep", *parts)
         key = jobs.Key(idempotency_key, digest) if idempotency_key else None
         if key is not None and (known := self._db.read(lambda c: jobs.replayed(c, key, "sweep"))):
             return self.get_sweep(known)
+        ends = deadlines.parse(deadline, time.time())
+        request = Request(stop, assets or {}, priority, label, ends, tuple(after))
         spec, cells = self._submitter.sweep(
             base, {"axes": axes, "mode": mode, **language}, request, columns
         )
@@ -324,13 +331,6 @@ class Engine:
     def list_sweeps(self, *, after: str | None = None, limit: int = 100) -> list[Sweep]:
         """List sweeps, newest first."""
         return self._db.read(lambda c: views.list_sweeps(c, after, limit))
-
-    def cancel_sweep(self, sweep_id: str) -> Sweep:
-        """Cancel every live cell."""
-        self.get_sweep(sweep_id)
-        self._db.write(lambda c: jobs.cancel_sweep(c, sweep_id))
-        self._scheduler.wake()
-        return self.get_sweep(sweep_id)
 
     def wait_sweep(self, sweep_id: str, timeout_s: float | None = None) -> Sweep:
         """Return the sweep once all cells and its contact sheet are done, or when time is up."""
@@ -537,3 +537,8 @@ def _attempt(action: Callable[[], None], good: str) -> Check:
     except (JobsError, OSError) as error:
         return Check(False, str(error))
     return Check(True, good)
+
+
+def _given(*values: Any) -> list[Any]:
+    """Return what was given: a request without these hashes as it did before they were there."""
+    return [[type(value).__name__, value] for value in values] if any(values) else []

@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from typing import Any
 
 from matiere.jobs.course import AdaptiveCourse, Course, is_adaptive
-from matiere.jobs.job import JsonDict
+from matiere.jobs.job import AGEING_S, JsonDict
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import FilmRow
 
@@ -46,6 +46,7 @@ class FilmWork:
         self.claimed: dict[int, int] = {}
         self.merging = False
         self.evaluated: set[str] = set()  # jobs the merger has seen at this prefix or later
+        self.late: set[str] = set()  # jobs whose deadline has passed: they end with the next round
         self.seconds, self.pixel_samples = row.seconds, row.pixel_samples
         self.merged_at = now
         self.last_child = ""
@@ -54,9 +55,9 @@ class FilmWork:
 
     # -- facts --------------------------------------------------------------------------------
     @property
-    def priority(self) -> int:
-        """Highest priority of the jobs that wait."""
-        return max((job.priority for job in self.jobs), default=0)
+    def urgency(self) -> int:
+        """Highest place in the queue of the jobs that wait, in whole points of priority."""
+        return int(max((job.rank for job in self.jobs), default=0.0) // AGEING_S)
 
     @property
     def prefix_spp(self) -> int:
@@ -156,6 +157,8 @@ class FilmWork:
             return True
         if not self.course.told:
             return True
+        if self.late and self.course.ends_round(self.prefix_chunks):
+            return True
         ready = self.ready_chunks()
         if ready <= self.prefix_chunks:
             return False
@@ -195,6 +198,7 @@ class FilmWork:
                     "stop": job.stop,
                     "spp_cap": job.spp_cap,
                     "fresh": job.id not in self.evaluated,
+                    "late": job.id in self.late,
                 }
                 for job in self.jobs
             ],
@@ -207,6 +211,7 @@ class FilmWork:
         self.merging = False
         self.merged_at = time.monotonic()
         self.evaluated |= set(seen)
+        self.late -= set(seen)
         if chunks == self.prefix_chunks or prefix is not None:
             self.course.tell(course)
         if prefix is None:

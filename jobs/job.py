@@ -15,10 +15,11 @@ MIN_PRIORITY, DEFAULT_PRIORITY, MAX_PRIORITY = 0, 50, 100
 
 
 class JobState(StrEnum):
-    """Where a job stands. `succeeded`, `failed`, `cancelled` and `expired` are final."""
+    """Where a job stands. `succeeded`, `failed`, `cancelled` and `expired` end it."""
 
     QUEUED = "queued"
     RUNNING = "running"
+    PAUSED = "paused"
     SUCCEEDED = "succeeded"
     FAILED = "failed"
     CANCELLED = "cancelled"
@@ -26,30 +27,39 @@ class JobState(StrEnum):
 
     @property
     def final(self) -> bool:
-        """Tell whether no change can follow."""
-        return not TRANSITIONS[self]
+        """Tell whether it has ended: only a requeue brings it back, and never a success."""
+        return self in FINAL_STATES
 
+
+FINAL_STATES = frozenset(
+    {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED}
+)
 
 TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
-    JobState.QUEUED: frozenset(
-        {
-            JobState.RUNNING,
-            JobState.SUCCEEDED,  # a cache hit needs no rendering
-            JobState.FAILED,
-            JobState.CANCELLED,
-            JobState.EXPIRED,
-        }
-    ),
-    JobState.RUNNING: frozenset(
-        {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED}
-    ),
+    # a cache hit needs no rendering: straight to succeeded
+    JobState.QUEUED: FINAL_STATES | {JobState.RUNNING, JobState.PAUSED},
+    JobState.RUNNING: FINAL_STATES | {JobState.PAUSED},
+    JobState.PAUSED: frozenset({JobState.QUEUED, JobState.CANCELLED, JobState.EXPIRED}),
     JobState.SUCCEEDED: frozenset(),
-    JobState.FAILED: frozenset(),
-    JobState.CANCELLED: frozenset(),
-    JobState.EXPIRED: frozenset(),
+    JobState.FAILED: frozenset({JobState.QUEUED}),  # requeued, as all below
+    JobState.CANCELLED: frozenset({JobState.QUEUED}),
+    JobState.EXPIRED: frozenset({JobState.QUEUED}),
 }
 
-LIVE_STATES = tuple(s for s in JobState if TRANSITIONS[s])
+ACTIVE_STATES = (JobState.QUEUED, JobState.RUNNING)
+LIVE_STATES = tuple(s for s in JobState if s not in FINAL_STATES)
+
+# Waiting for so long weighs as much as one point of priority.
+AGEING_S = 60.0
+
+
+def queue_rank(priority: int, queued: float) -> float:
+    """Return the place in the queue, highest first: `priority` plus the time waited.
+
+    All that waits ages alike, so the order of two jobs never changes while they wait; a job is
+    overtaken only by those that are queued within `AGEING_S` seconds a point of the difference.
+    """
+    return priority * AGEING_S - queued
 
 
 def check_transition(old: JobState, new: JobState) -> None:
@@ -95,6 +105,12 @@ class Job:
     cell: int | None  # index within the sweep
     parameters: JsonDict  # axis label -> value, for a sweep cell
     artifacts: tuple[str, ...]  # kinds ready to fetch, see ARTIFACT_MEDIA_TYPES
+    effective_priority: float = DEFAULT_PRIORITY  # with what waiting has added
+    deadline: float | None = None  # Unix seconds
+    after: tuple[str, ...] = ()  # jobs and sweeps that must succeed first
+    waiting_for: int = 0  # how many of them have not yet
+    attempt: int = 1  # rises with every requeue
+    history: tuple[JsonDict, ...] = ()  # how the attempts before this one ended
 
 
 @dataclass(frozen=True)
@@ -111,6 +127,8 @@ class Sweep:
     finished: float | None
     columns: int  # of the contact sheet
     artifacts: tuple[str, ...]
+    after: tuple[str, ...] = ()  # jobs and sweeps that must succeed first
+    waiting_for: int = 0  # how many of them have not yet
     baseline: int | None = None  # cell that others are compared with
 
     @property

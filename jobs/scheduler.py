@@ -29,6 +29,7 @@ from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
 from matiere.jobs.term import Term
 from matiere.jobs.utility_queue import CHECK, STABILITY, Question, UtilityQueue
+from matiere.jobs.warden import Warden
 
 log = logging.getLogger("matiere.jobs.scheduler")
 
@@ -104,6 +105,7 @@ class Scheduler(threading.Thread):
         self.films: dict[int, FilmWork] = {}
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
         self.utility = UtilityQueue(self, Slot("utility"))
+        self._warden = Warden(self)
         self._examining = threading.Lock()  # held while a material is checked
         self._unsaved: list[Message] = []  # reports that met a full disk
         self._rates: dict[str, float] = {}  # geometry key -> samples per second of one child
@@ -193,6 +195,7 @@ class Scheduler(threading.Thread):
         if not leads:  # only questions
             self.utility.dispatch(now)
             return
+        self._warden.look(now)
         if self._dirty:
             self._dirty = False
             self._read_queue(now)
@@ -237,6 +240,13 @@ class Scheduler(threading.Thread):
             handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled}
             handler[body["op"]](child, held, body)
             child.inflight.pop(held.token, None)
+        elif body["op"] == "done":  # of a child that was given up, and lives
+            self._refuse(body["token"], Blob(body["digest"], body["size"]))
+
+    def _refuse(self, token: int, blob: Blob) -> None:
+        self.db.write(lambda c: films.refuse(c, token, blob))
+        self.health.counters["reports_superseded"] += 1
+        self._garbage = True
 
     # -- reports of render children -------------------------------------------------------------
     def _done(self, child: Child, held: Held, body: JsonDict) -> None:
@@ -430,11 +440,26 @@ class Scheduler(threading.Thread):
                 row = self.db.read(lambda c, i=film_id: films.load_film(c, i))  # type: ignore[misc]
                 self.films[film_id] = FilmWork(row, self.work, now)
         waiting = self.db.read(lambda c: films.waiting_by_film(c, list(self.films)))
+        idle = [film_id for film_id, found in waiting.items() if not found]
+        resting = self.db.read(lambda c: films.resting(c, idle)) if idle else set()
         for film in list(self.films.values()):
             film.jobs = waiting[film.id]
-            if not film.jobs:
+            if film.id in resting:
+                self._rest(film)
+            elif not film.jobs:
                 self._abandon(film)
         self.utility.read_queue()
+
+    def _rest(self, film: FilmWork) -> None:
+        """All who wait for a film are paused: what is being rendered ends, and all is kept."""
+        if self._busy(film):
+            self._dirty = True
+        else:
+            del self.films[film.id]
+
+    def _busy(self, film: FilmWork) -> bool:
+        held = (h for s in self.slots if s.child for h in s.child.inflight.values())
+        return film.merging or any(h.film_id == film.id for h in held)
 
     def _abandon(self, film: FilmWork) -> None:
         """Nobody waits for a film any more: stop its renders, drop what is not merged."""
@@ -444,12 +469,7 @@ class Scheduler(threading.Thread):
                 if held.film_id == film.id and held.cancelled is None and slot.child:
                     held.cancelled = now
                     slot.child.send("cancel", token=held.token)
-        busy = any(
-            held.film_id == film.id
-            for slot in self.slots
-            for held in (slot.child.inflight.values() if slot.child else ())
-        )
-        if busy or film.merging:
+        if self._busy(film):
             self._dirty = True  # look again when the last report is in
             return
         self.db.write(lambda c: films.drop_unmerged(c, film.id))
@@ -481,7 +501,7 @@ class Scheduler(threading.Thread):
                 tier = 0
             else:
                 tier = 1 if film.row.geometry_key == child.geometry else 2
-            return (-film.priority, tier, film.jobs[0].id)
+            return (-film.urgency, tier, film.jobs[0].id)
 
         ready = [film for film in self.films.values() if film.jobs and film.available()]
         return min(ready, key=rank, default=None)

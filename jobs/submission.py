@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
@@ -34,6 +34,8 @@ class Request:
     assets: Mapping[str, str]
     priority: int
     label: str
+    deadline: float | None = None  # Unix seconds
+    after: tuple[str, ...] = ()
 
 
 class Submitter:
@@ -66,7 +68,7 @@ class Submitter:
         faults: dict[tuple[str, str], Fault] = {}
         specs: list[JobSpec] = []
         for i in range(len(plan)):
-            mine = Request(request.stop, request.assets, request.priority, plan.label(i))
+            mine = replace(request, label=plan.label(i))
             try:
                 spec = self._specify(plan.scene(i), mine, files, i, plan.parameters(i))
             except SceneValidationError as error:
@@ -82,8 +84,9 @@ class Submitter:
         if columns is None:
             columns = sweeps.guess_columns(plan.axes, plan.mode, len(specs))
         axes = [axis.to_dict() for axis in plan.axes]
-        spec_of_all = SweepSpec(request.label, plan.mode, axes, dict(base), columns, plan.baseline)
-        return spec_of_all, specs
+        made = SweepSpec(request.label, plan.mode, axes, dict(base), columns,
+                         request.after, plan.baseline)  # fmt: skip
+        return made, specs
 
     def _files(self, request: Request) -> Any:
         return self._work.asset_folder(self._data.view(request.assets), request.assets)
@@ -132,6 +135,8 @@ class Submitter:
             label=request.label,
             cell=cell,
             parameters=parameters or {},
+            deadline=request.deadline,
+            after=request.after,
         )
 
     def _read_files(self, facts: JsonDict, assets: JsonDict) -> None:

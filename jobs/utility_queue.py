@@ -74,6 +74,7 @@ class Task:
     old_chunks: int = 0  # merges: the prefix the request starts from
     question: Question | None = None  # who asked
     seen: tuple[str, ...] = ()  # merges: jobs whose stop rules the request holds
+    attempt: int | None = None  # images: the attempt of the job they are of
 
 
 class UtilityQueue:
@@ -157,6 +158,7 @@ class UtilityQueue:
                 self._known.discard((task.kind, task.key))
                 continue
             task.seen = tuple(job["id"] for job in request.get("jobs", ()))
+            task.attempt = request.get("attempt")
             token = next(self._tokens)
             self._current, self._started = (token, task), now
             child.send(NAMES[task.kind], token=token, **request)
@@ -323,6 +325,7 @@ class UtilityQueue:
             facts = views.job_facts(c, job_id)
             return facts | {
                 "film": film.digest,
+                "attempt": job.attempt,
                 "threads": self._scheduler.options.children * self._scheduler.options.threads,
                 "job": {
                     "id": job.id,
@@ -346,8 +349,9 @@ class UtilityQueue:
         made = {kind: Blob(digest, size) for kind, (digest, size) in body["files"].items()}
         if not all(s.folder.has(b.digest, b.size) for b in made.values()):
             return False
-        s.db.write(lambda c: jobs.finish_job(c, str(task.key), made))
-        s.health.counters["jobs_succeeded"] += 1
+        if s.db.write(lambda c: jobs.finish_job(c, str(task.key), made, task.attempt)):
+            s.health.counters["jobs_succeeded"] += 1
+        s.wake()  # what waited for it may begin; one requeued meanwhile is developed again
         s.garbage()
         self.sweeps_may_have_ended()
         return True

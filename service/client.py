@@ -86,6 +86,13 @@ class JobStatus(_View):
     error: dict[str, Any] | None = None
     cell: int | None = None
     parameters: dict[str, Any] = Field(default_factory=dict)
+    priority: int = 50
+    effective_priority: float = 50.0
+    deadline: str | None = None
+    after: list[str] = Field(default_factory=list)
+    waiting_for: int = 0
+    attempt: int = 1
+    history: list[dict[str, Any]] = Field(default_factory=list)
     links: dict[str, str] = Field(default_factory=dict)
 
     @property
@@ -158,6 +165,8 @@ class Client:
         stop: Mapping[str, Any] | None = None,
         priority: int | None = None,
         label: str = "",
+        deadline: float | str | None = None,
+        after: Sequence[str] = (),
         asset_root: str | os.PathLike[str] | None = None,
         idempotency_key: str | None = None,
         on_upload: Callable[[str, int, int], None] | None = None,
@@ -165,11 +174,13 @@ class Client:
         """Submit a scene file or dict, uploading the files that the service lacks.
 
         Files are looked up in the scene's folder, or in `asset_root`; names not found there are
-        left to the service. `on_upload(name, bytes_sent, bytes_all)` reports progress.
+        left to the service. `deadline` is in seconds from now or a moment in RFC 3339; the job
+        waits until all that `after` names (ids of jobs and sweeps) have succeeded.
+        `on_upload(name, bytes_sent, bytes_all)` reports progress.
         Raises `ServiceError`, `Unreachable`, and `SceneValidationError` for a file that is no JSON.
         """
         document, root = _read(scene, asset_root)
-        body: dict[str, Any] = {"scene": document, "label": label}
+        body: dict[str, Any] = {"scene": document, "label": label, **_when(deadline, after)}
         answer = self._submit(
             "/v1/jobs", body, document, root, stop, priority, idempotency_key, on_upload
         )
@@ -185,6 +196,8 @@ class Client:
         stop: Mapping[str, Any] | None = None,
         priority: int | None = None,
         label: str = "",
+        deadline: float | str | None = None,
+        after: Sequence[str] = (),
         asset_root: str | os.PathLike[str] | None = None,
         idempotency_key: str | None = None,
         on_upload: Callable[[str, int, int], None] | None = None,
@@ -201,6 +214,7 @@ class Client:
             "mode": mode,
             "columns": columns,
             "label": label,
+            **_when(deadline, after),
             **language,
         }
         answer = self._submit(
@@ -287,7 +301,17 @@ class Client:
 
     def cancel(self, job_id: str) -> JobStatus:
         """Cancel a job."""
-        return JobStatus.model_validate(self._request("POST", f"/v1/jobs/{job_id}:cancel").json())
+        return self.steer(job_id, "cancel")
+
+    def steer(self, job_id: str, step: str) -> JobStatus:
+        """Ask a job to `cancel`, `pause`, `resume` or `requeue`."""
+        return JobStatus.model_validate(self._request("POST", f"/v1/jobs/{job_id}:{step}").json())
+
+    def set_priority(self, job_id: str, priority: int) -> JobStatus:
+        """Change the priority of a job that has not ended."""
+        change = {"priority": priority}
+        answer = self._request("PATCH", f"/v1/jobs/{job_id}", json=change).json()
+        return JobStatus.model_validate(answer)
 
     def wait(
         self,
@@ -313,7 +337,17 @@ class Client:
 
     def cancel_sweep(self, sweep_id: str) -> SweepStatus:
         """Cancel every live cell of a sweep."""
-        answer = self._request("POST", f"/v1/sweeps/{sweep_id}:cancel").json()
+        return self.steer_sweep(sweep_id, "cancel")
+
+    def steer_sweep(self, sweep_id: str, step: str) -> SweepStatus:
+        """Ask the cells of a sweep to `cancel`, `pause`, `resume` or `requeue`."""
+        answer = self._request("POST", f"/v1/sweeps/{sweep_id}:{step}").json()
+        return SweepStatus.model_validate(answer)
+
+    def set_sweep_priority(self, sweep_id: str, priority: int) -> SweepStatus:
+        """Change the priority of the cells of a sweep that have not ended."""
+        change = {"priority": priority}
+        answer = self._request("PATCH", f"/v1/sweeps/{sweep_id}", json=change).json()
         return SweepStatus.model_validate(answer)
 
     # -- results ------------------------------------------------------------------------------
@@ -448,6 +482,12 @@ def file_digest(path: Path) -> str:
     """Return the SHA-256 of a file in lower-case hex."""
     with path.open("rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def _when(deadline: float | str | None, after: Sequence[str]) -> dict[str, Any]:
+    """Return what was given of these two: an older service knows neither."""
+    given = {"deadline": deadline, "after": list(after)}
+    return {key: value for key, value in given.items() if value not in (None, [])}
 
 
 def _read(

@@ -88,6 +88,11 @@ CODES: dict[str, Kind] = {
         "The job ended without a result",
         "GET the job: `error` says why; correct the cause and submit again.",
     ),
+    "illegal_transition": Kind(
+        409,
+        "The job is in a state that does not allow this",
+        "GET the job: `links` lists what can be asked of it.",
+    ),
     "sweep_not_finished": Kind(
         409,
         "The sweep has no result yet",

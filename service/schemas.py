@@ -7,6 +7,7 @@ A scene is passed on as it came (`dict`): `matiere.jobs` validates it once, agai
 from __future__ import annotations
 
 import posixpath
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from typing import Annotated, Any, Literal, Self
 
@@ -130,10 +131,26 @@ class _Submission(_WithAssets):
     cache: Literal["use"] = Field(
         "use", description="an equal film rendered before is continued, never rendered again"
     )
+    deadline: Number | str | None = Field(
+        None,
+        description="seconds from now, or a moment (RFC 3339): what is not complete then ends as"
+        " `expired`, with the samples it has",
+    )
+    after: list[Annotated[str, StringConstraints(max_length=36)]] = Field(
+        default_factory=list,
+        max_length=1000,
+        description="ids of jobs and sweeps that must succeed before this begins",
+    )
 
     def stop_rule(self) -> dict[str, Any] | None:
         """Return the stop rule as the queue takes it."""
         return self.stop.given() if self.stop else None
+
+
+class Change(_Request):
+    """What can be changed of a job or sweep that has not ended."""
+
+    priority: int = Field(ge=MIN_PRIORITY, le=MAX_PRIORITY, description="higher runs first")
 
 
 class JobSubmission(_Submission):
@@ -244,6 +261,34 @@ class ErrorView(BaseModel):
     log_tail: str
 
 
+class PastAttempt(BaseModel):
+    """How an earlier attempt of a requeued job ended."""
+
+    attempt: int
+    state: JobState
+    queued: datetime
+    started: datetime | None
+    finished: datetime | None
+    error: ErrorView | None
+
+    @classmethod
+    def of(cls, line: Mapping[str, Any]) -> PastAttempt:
+        """Show a line of `Job.history`."""
+        error = None
+        if line["error_code"] is not None:
+            keys = ("code", "message", "pointer")
+            texts = {key: line[f"error_{key}"] or "" for key in keys}
+            error = ErrorView(**texts, log_tail=line["error_log"] or "")
+        return cls(
+            attempt=line["attempt"],
+            state=line["state"],
+            queued=_time(line["queued"]),
+            started=_time_or_none(line["started"]),
+            finished=_time_or_none(line["finished"]),
+            error=error,
+        )
+
+
 class JobView(BaseModel):
     """A job as it stands."""
 
@@ -269,6 +314,12 @@ class JobView(BaseModel):
     sweep_id: str | None
     cell: int | None
     parameters: dict[str, Any]
+    effective_priority: float = Field(description="priority, and a point a minute of waiting")
+    deadline: datetime | None
+    after: list[str] = Field(description="jobs and sweeps that must succeed first")
+    waiting_for: int = Field(description="how many of `after` have not succeeded yet")
+    attempt: int = Field(description="1, and one more with every requeue")
+    history: list[PastAttempt] = Field(description="how the attempts before this one ended")
     links: dict[str, str]
 
     @classmethod
@@ -276,8 +327,8 @@ class JobView(BaseModel):
         """Show `job`."""
         self_link = f"/v1/jobs/{job.id}"
         links = {"self": self_link}
-        if not job.state.final:
-            links["cancel"] = f"{self_link}:cancel"
+        for action in steps(job.state):
+            links[action] = f"{self_link}:{action}"
         for kind in job.artifacts:
             if kind in JOB_FILES:
                 links[JOB_FILES[kind][0]] = f"{self_link}/{JOB_FILES[kind][1]}"
@@ -307,6 +358,12 @@ class JobView(BaseModel):
             sweep_id=job.sweep_id,
             cell=job.cell,
             parameters=job.parameters,
+            effective_priority=job.effective_priority,
+            deadline=_time_or_none(job.deadline),
+            after=list(job.after),
+            waiting_for=job.waiting_for,
+            attempt=job.attempt,
+            history=[PastAttempt.of(line) for line in job.history],
             links=links,
         )
 
@@ -341,6 +398,8 @@ class SweepView(BaseModel):
     baseline: int | None = Field(description="number of the cell that others are compared with")
     created: datetime
     finished: datetime | None
+    after: list[str] = Field(description="jobs and sweeps that must succeed first")
+    waiting_for: int = Field(description="how many of `after` have not succeeded yet")
     links: dict[str, str]
 
     @classmethod
@@ -348,8 +407,9 @@ class SweepView(BaseModel):
         """Show `sweep`."""
         self_link = f"/v1/sweeps/{sweep.id}"
         links = {"self": self_link, "jobs": f"/v1/jobs?sweep={sweep.id}"}
-        if not sweep.done:
-            links["cancel"] = f"{self_link}:cancel"
+        states = (JobState(state) for state, n in sweep.counts.items() if n)
+        for action in dict.fromkeys(step for state in states for step in steps(state)):
+            links[action] = f"{self_link}:{action}"
         if "contact-sheet.png" in sweep.artifacts:
             links["contact_sheet"] = f"{self_link}/contact-sheet.png"
         return cls(
@@ -364,6 +424,8 @@ class SweepView(BaseModel):
             baseline=sweep.baseline,
             created=_time(sweep.created),
             finished=_time_or_none(sweep.finished),
+            after=list(sweep.after),
+            waiting_for=sweep.waiting_for,
             links=links,
         )
 
@@ -419,10 +481,22 @@ class ReadyView(BaseModel):
     checks: dict[str, CheckView]
 
 
+def steps(state: JobState) -> tuple[str, ...]:
+    """Return what can be asked of a job in this state."""
+    if state is JobState.SUCCEEDED:
+        return ()
+    if state.final:
+        return ("requeue",)
+    return ("cancel", "resume" if state is JobState.PAUSED else "pause")
+
+
 def sweep_state(sweep: Sweep) -> JobState:
     """Return one state for the whole: the worst end once every cell has ended."""
     count = {JobState(state): n for state, n in sweep.counts.items() if n}
     if not sweep.done:
+        waiting = {state for state in count if not state.final}
+        if waiting == {JobState.PAUSED}:
+            return JobState.PAUSED
         return JobState.QUEUED if set(count) <= {JobState.QUEUED} else JobState.RUNNING
     for state in (JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED):
         if state in count:

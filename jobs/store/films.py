@@ -19,7 +19,7 @@ from matiere.jobs.course import is_adaptive
 from matiere.jobs.job import JsonDict
 from matiere.jobs.store.events import emit
 from matiere.jobs.store.files import Blob, add_reference, discard, drop_attempts, drop_reference
-from matiere.jobs.store.jobs import LIVE, end_job, start_jobs
+from matiere.jobs.store.jobs import ACTIVE, LIVE, WANTING, end_job, start_jobs
 from matiere.jobs.store.tables import attempt, chunk, film, instance, job
 
 MISSING, CLAIMED, DONE = "missing", "claimed", "done"
@@ -35,6 +35,7 @@ class WaitingJob:
     spp_cap: int
     prefix_spp_at_submit: int
     sweep_id: str | None
+    rank: float = 0.0  # see `queue_rank`
 
 
 @dataclass(frozen=True)
@@ -111,13 +112,25 @@ class Merged:
 # -- reading ----------------------------------------------------------------------------------
 def next_films(c: Connection, limit: int) -> list[int]:
     """Return films that jobs wait for, most urgent first."""
-    rows = c.execute(
-        sa.select(job.c.film_id)
-        .where(job.c.state.in_(LIVE), job.c.ended_spp.is_(None))
-        .order_by(job.c.priority.desc(), job.c.id)
-        .limit(4 * limit)
-    ).scalars()
-    return list(dict.fromkeys(rows))[:limit]
+    wanting = (job.c.ended_spp.is_(None), job.c.blockers == 0)
+    rows = [
+        row
+        for state in ACTIVE  # each along the index of the queue
+        for row in c.execute(
+            sa.select(job.c.rank, job.c.id, job.c.film_id)
+            .where(job.c.state == state, *wanting)
+            .order_by(job.c.rank.desc(), job.c.id)
+            .limit(4 * limit)
+        )
+    ]
+    rows.sort(key=lambda row: (-row.rank, row.id))
+    return list(dict.fromkeys(row.film_id for row in rows))[:limit]
+
+
+def resting(c: Connection, film_ids: Sequence[int]) -> set[int]:
+    """Return those of the films that a live job will go on with: a paused or a waiting one."""
+    mine = job.c.film_id.in_(film_ids) & job.c.state.in_(LIVE) & job.c.ended_spp.is_(None)
+    return set(c.execute(sa.select(job.c.film_id).where(mine)).scalars())
 
 
 def waiting_jobs(c: Connection, film_id: int) -> list[WaitingJob]:
@@ -137,8 +150,9 @@ def waiting_by_film(c: Connection, film_ids: Sequence[int]) -> dict[int, list[Wa
             job.c.spp_cap,
             job.c.prefix_spp_at_submit,
             job.c.sweep_id,
+            job.c.rank,
         )
-        .where(job.c.film_id.in_(film_ids), job.c.state.in_(LIVE), job.c.ended_spp.is_(None))
+        .where(job.c.film_id.in_(film_ids), WANTING)
         .order_by(job.c.id)
     )
     for film_id, job_id, priority, stop, *rest in rows:
@@ -247,6 +261,13 @@ def complete(c: Connection, report: Report) -> bool:
     for waiting in waiting_jobs(c, report.film_id):
         emit(c, "progress", waiting.id, waiting.sweep_id, chunks=accepted.rowcount)
     return True
+
+
+def refuse(c: Connection, token: int, blob: Blob) -> None:
+    """Count the report of an attempt that was given up before; its file may go."""
+    film_id = c.scalar(sa.select(attempt.c.film_id).where(attempt.c.id == token))
+    if film_id is not None:
+        complete(c, Report(token, int(film_id), blob, 0.0, 0))
 
 
 def give_back(c: Connection, loss: Loss) -> None:
@@ -366,7 +387,7 @@ def _free_chunks(c: Connection, merged: Merged) -> None:
 
 def drop_unmerged(c: Connection, film_id: int) -> None:
     """Forget chunks beyond the prefix of a film nobody waits for."""
-    if waiting_jobs(c, film_id):
+    if resting(c, [film_id]):
         return
     done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
     tokens = c.execute(done.values(state="cancelled").returning(attempt.c.id)).scalars().all()
@@ -415,7 +436,7 @@ def begun_films(c: Connection) -> list[tuple[tuple[int, int, int, bool], int, in
     rows = c.execute(
         sa.select(film, cap.label("cap"), done.label("done"))
         .join(job, job.c.film_id == film.c.id)
-        .where(job.c.state.in_(LIVE), job.c.ended_spp.is_(None), film.c.pixel_samples > 0)
+        .where(WANTING, film.c.pixel_samples > 0)
         .group_by(film.c.id)
     )
     return [

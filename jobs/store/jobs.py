@@ -13,7 +13,16 @@ from sqlalchemy.engine import Connection
 from uuid6 import uuid7
 
 from matiere.jobs.errors import IdempotencyConflict, JobNotFound
-from matiere.jobs.job import LIVE_STATES, JobError, JobState, JsonDict, check_transition
+from matiere.jobs.job import (
+    ACTIVE_STATES,
+    LIVE_STATES,
+    JobError,
+    JobState,
+    JsonDict,
+    check_transition,
+    queue_rank,
+)
+from matiere.jobs.store import dependencies
 from matiere.jobs.store.events import emit
 from matiere.jobs.store.files import (
     Blob,
@@ -25,7 +34,9 @@ from matiere.jobs.store.files import (
 from matiere.jobs.store.tables import film, idempotency, job, reference, sweep
 
 LIVE = [state.value for state in LIVE_STATES]
-
+ACTIVE = [state.value for state in ACTIVE_STATES]
+# Jobs that samples may be rendered for now: not paused, waiting for no other, not complete.
+WANTING = job.c.state.in_(ACTIVE) & job.c.ended_spp.is_(None) & (job.c.blockers == 0)
 
 _ENDED = (
     "ended_spp",
@@ -63,6 +74,8 @@ class JobSpec:
     sweep_id: str | None = None
     cell: int | None = None
     parameters: JsonDict = field(default_factory=dict)
+    deadline: float | None = None  # Unix seconds
+    after: tuple[str, ...] = ()  # jobs and sweeps that must succeed first; a sweep's count for all
 
 
 @dataclass(frozen=True)
@@ -74,6 +87,7 @@ class SweepSpec:
     axes: list[JsonDict]
     base: JsonDict
     columns: int
+    after: tuple[str, ...] = ()
     baseline: int | None = None
 
 
@@ -95,7 +109,9 @@ def submit_job(c: Connection, spec: JobSpec, key: Key | None = None) -> str:
     """Insert a job (and its film, if new) and return the id; a known key returns its job."""
     if key is not None and (known := replayed(c, key, "job")):
         return known
+    dependencies.check(c, spec.after)
     job_id = _insert_job(c, spec)
+    dependencies.cancel_if_broken(c, job_id)
     if key is not None:
         _remember(c, key, "job", job_id)
     return job_id
@@ -108,6 +124,8 @@ def submit_sweep(
     if key is not None and (known := replayed(c, key, "sweep")):
         return known
     sweep_id = str(uuid7())
+    dependencies.check(c, spec.after)
+    blockers = dependencies.add(c, sweep_id, spec.after)
     c.execute(
         sa.insert(sweep).values(
             id=sweep_id,
@@ -119,11 +137,13 @@ def submit_sweep(
             columns=spec.columns,
             baseline=spec.baseline,
             created=time.time(),
+            blockers=blockers,
         )
     )
     emit(c, "sweep_queued", sweep_id=sweep_id, cells=len(cells))
     for cell in cells:
-        _insert_job(c, cell, sweep_id)
+        _insert_job(c, cell, sweep_id, blockers)
+    dependencies.cancel_if_broken(c, sweep_id)
     if key is not None:
         _remember(c, key, "sweep", sweep_id)
     return sweep_id
@@ -187,9 +207,20 @@ def reopen_film(c: Connection, film_id: int) -> None:
     c.execute(sa.update(chunk).where(chunk.c.film_id == film_id).values(tries=0, losses=0))
 
 
-def _insert_job(c: Connection, spec: JobSpec, sweep_id: str | None = None) -> str:
+def reopen_if_failed(c: Connection, film_ids: Any) -> None:
+    """Let those of the films that failed be tried again."""
+    failed = sa.select(film.c.id).where(film.c.id.in_(film_ids), film.c.state == "failed")
+    for film_id in c.execute(failed).scalars().all():
+        reopen_film(c, film_id)
+
+
+def _insert_job(
+    c: Connection, spec: JobSpec, sweep_id: str | None = None, blockers: int = 0
+) -> str:
     film_id, prefix_spp = _find_or_add_film(c, spec.film)
-    job_id = str(uuid7())
+    job_id, now = str(uuid7()), time.time()
+    if sweep_id is None:
+        blockers = dependencies.add(c, job_id, spec.after)
     cached = prefix_spp >= spec.spp_cap
     c.execute(
         sa.insert(job).values(
@@ -206,15 +237,20 @@ def _insert_job(c: Connection, spec: JobSpec, sweep_id: str | None = None) -> st
             label=spec.label,
             cached=cached,
             prefix_spp_at_submit=prefix_spp,
-            created=time.time(),
+            created=now,
+            queued=now,
+            rank=queue_rank(spec.priority, now),
+            deadline=spec.deadline,
+            blockers=blockers,
         )
     )
     emit(c, "queued", job_id=job_id, sweep_id=sweep_id, cached=cached)
-    _copy_results(c, job_id, film_id)
+    if blockers == 0:
+        copy_results(c, job_id, film_id)
     return job_id
 
 
-def _copy_results(c: Connection, job_id: str, film_id: int) -> None:
+def copy_results(c: Connection, job_id: str, film_id: int) -> None:
     """End a job at once if an earlier one had the same film, stop rule and output."""
     mine = c.execute(sa.select(job).where(job.c.id == job_id)).one()
     twin = c.execute(
@@ -246,16 +282,24 @@ def _copy_results(c: Connection, job_id: str, film_id: int) -> None:
 
 # -- state ------------------------------------------------------------------------------------
 def set_state(
-    c: Connection, job_id: str, new: JobState, error: JobError | None = None, **data: Any
+    c: Connection,
+    job_id: str,
+    new: JobState,
+    error: JobError | None = None,
+    *,
+    settling: bool = True,
+    **data: Any,
 ) -> None:
-    """Change a job's state along the table of transitions and log it."""
-    row = c.execute(sa.select(job.c.state, job.c.sweep_id).where(job.c.id == job_id)).first()
+    """Change a job's state along the table of transitions, log it, and settle who waits for it."""
+    row = c.execute(
+        sa.select(job.c.state, job.c.sweep_id, job.c.started).where(job.c.id == job_id)
+    ).first()
     if row is None:
         raise JobNotFound(f"no job {job_id}")
     check_transition(JobState(row.state), new)
     values: dict[str, Any] = {"state": new.value}
     if new is JobState.RUNNING:
-        values["started"] = time.time()
+        values["started"] = row.started or time.time()
     if new.final:
         values["finished"] = time.time()
     if error is not None:
@@ -268,11 +312,14 @@ def set_state(
         data |= {"code": error.code, "message": error.message, "pointer": error.pointer}
     c.execute(sa.update(job).where(job.c.id == job_id).values(values))
     emit(c, new.value, job_id=job_id, sweep_id=row.sweep_id, **data)
+    if new.final and settling:
+        dependencies.settle(c, job_id, new is JobState.SUCCEEDED)
 
 
 def start_jobs(c: Connection, film_id: int) -> None:
     """Mark the queued jobs of a film as running."""
-    rows = sa.select(job.c.id).where(job.c.film_id == film_id, job.c.state == JobState.QUEUED.value)
+    queued = (job.c.film_id == film_id) & (job.c.state == JobState.QUEUED.value)
+    rows = sa.select(job.c.id).where(queued, job.c.blockers == 0)
     for job_id in c.execute(rows).scalars().all():
         set_state(c, job_id, JobState.RUNNING)
 
@@ -300,9 +347,7 @@ def cancel_sweep(c: Connection, sweep_id: str) -> int:
 
 def fail_film(c: Connection, film_id: int, error: JobError) -> list[str]:
     """Fail every job that still waits for samples of this film; return their ids."""
-    rows = sa.select(job.c.id).where(
-        job.c.film_id == film_id, job.c.state.in_(LIVE), job.c.ended_spp.is_(None)
-    )
+    rows = sa.select(job.c.id).where(job.c.film_id == film_id, WANTING)
     found = list(c.execute(rows).scalars())
     for job_id in found:
         set_state(c, job_id, JobState.FAILED, error)
@@ -313,7 +358,7 @@ def fail_film(c: Connection, film_id: int, error: JobError) -> list[str]:
 def fail_job(c: Connection, job_id: str, error: JobError) -> None:
     """Fail one job, if it still lives."""
     state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
-    if state is not None and not JobState(state).final:
+    if state in ACTIVE:
         set_state(c, job_id, JobState.FAILED, error)
         drop_reference(c, ("job", job_id))
 
@@ -322,7 +367,8 @@ def fail_job(c: Connection, job_id: str, error: JobError) -> None:
 def end_job(c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob) -> None:
     """Record that a job's stop rule fired; it keeps `prefix` until its images are made.
 
-    `facts` holds spp, seconds, relmse, lower, upper, reason and cached.
+    `facts` holds spp, seconds, relmse, lower, upper, reason and cached. A job that was paused a
+    moment ago stays paused.
     """
     state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
     if state is None or JobState(state).final:
@@ -345,15 +391,23 @@ def end_job(c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob) 
     add_reference(c, ("job", job_id), "film", prefix)
 
 
-def finish_job(c: Connection, job_id: str, files: Mapping[str, Blob]) -> bool:
-    """Attach the images and end the job as succeeded; false if it was cancelled meanwhile."""
-    state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
-    if state is None or JobState(state).final:
+def finish_job(
+    c: Connection, job_id: str, files: Mapping[str, Blob], attempt: int | None = None
+) -> bool:
+    """Attach the images and end the job; false if it was cancelled (or requeued) meanwhile.
+
+    It has succeeded, or expired when only its deadline ended it. `attempt` is the one that the
+    images were made for.
+    """
+    row = c.execute(sa.select(job).where(job.c.id == job_id)).first()
+    stale = row is None or row.state != JobState.RUNNING.value or row.ended_spp is None
+    if row is None or stale or attempt not in (None, row.attempt):
         discard(c, files.values())
         return False
     add_references(c, ("job", job_id), files)
     drop_reference(c, ("job", job_id), "film")
-    set_state(c, job_id, JobState.SUCCEEDED)
+    late = row.stop_reason == "deadline"
+    set_state(c, job_id, JobState.EXPIRED if late else JobState.SUCCEEDED)
     return True
 
 
@@ -363,6 +417,7 @@ def finish_sweep(c: Connection, sweep_id: str, sheet: Blob | None) -> None:
         add_reference(c, ("sweep", sweep_id), "contact-sheet.png", sheet)
     c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(finished=time.time()))
     emit(c, "sweep_finished", sweep_id=sweep_id)
+    dependencies.settle(c, sweep_id, dependencies.standing(c, sweep_id) == dependencies.MET)
 
 
 def finished_sweeps(c: Connection) -> list[str]:
@@ -377,6 +432,6 @@ def jobs_to_develop(c: Connection) -> list[str]:
     rows = (
         sa.select(job.c.id)
         .where(job.c.state == JobState.RUNNING.value, job.c.ended_spp.is_not(None))
-        .order_by(job.c.priority.desc(), job.c.id)
+        .order_by(job.c.rank.desc(), job.c.id)
     )
     return list(c.execute(rows).scalars())

@@ -70,6 +70,7 @@ sweep = Table(
     Column("baseline", Integer),  # cell that others are compared with
     Column("created", Float, nullable=False),
     Column("finished", Float),
+    Column("blockers", Integer, nullable=False, server_default="0"),  # as `job.blockers`
 )
 
 job = Table(
@@ -103,8 +104,38 @@ job = Table(
     Column("error_message", Text),
     Column("error_pointer", Text),
     Column("error_log", Text),
-    Index("ix_job_queue", "state", "priority", "id"),
+    Column("rank", Float, nullable=False, server_default="0"),  # place in the queue: `queue_rank`
+    Column("queued", Float, nullable=False, server_default="0"),  # since when it has aged
+    Column("deadline", Float),  # Unix seconds
+    Column("blockers", Integer, nullable=False, server_default="0"),  # dependencies yet unmet
+    Column("attempt", Integer, nullable=False, server_default="1"),  # rises with every requeue
+    Index("ix_job_queue", "state", "rank", "id"),
+    Index("ix_job_deadline", "deadline"),
     Index("ix_job_sweep", "sweep_id", "cell"),
+)
+
+# What a job or sweep (`waiter`) waits for: a job or sweep that was there before it.
+dependency = Table(
+    "dependency",
+    metadata,
+    Column("waiter", String(36), primary_key=True),
+    Column("needs", String(36), primary_key=True, index=True),
+)
+
+# How the attempts of a requeued job ended before the one of its row.
+job_history = Table(
+    "job_history",
+    metadata,
+    Column("job_id", String(36), ForeignKey("job.id"), primary_key=True),
+    Column("attempt", Integer, primary_key=True, autoincrement=False),
+    Column("state", String(16), nullable=False),
+    Column("queued", Float, nullable=False),
+    Column("started", Float),
+    Column("finished", Float),
+    Column("error_code", String(64)),
+    Column("error_message", Text),
+    Column("error_pointer", Text),
+    Column("error_log", Text),
 )
 
 chunk = Table(

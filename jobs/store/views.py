@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import time
 from collections.abc import Sequence
 from typing import Any
 
@@ -10,9 +11,10 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import JobNotFound
-from matiere.jobs.job import Job, JobError, JobState, JsonDict, Sweep
+from matiere.jobs.job import AGEING_S, Job, JobError, JobState, JsonDict, Sweep
+from matiere.jobs.store import dependencies
 from matiere.jobs.store.files import references_of
-from matiere.jobs.store.tables import film, job, sweep
+from matiere.jobs.store.tables import film, job, job_history, sweep
 
 _FILM = [
     film.c.film_key,
@@ -97,11 +99,42 @@ def counts(c: Connection) -> dict[str, int]:
 
 def _jobs(c: Connection, query: sa.Select[Any]) -> list[Job]:
     rows = c.execute(query).all()
-    kinds = references_of(c, "job", [r.id for r in rows])
-    return [_job(r, [k for k in kinds.get(r.id, []) if k != "film"]) for r in rows]
+    ids = [r.id for r in rows]
+    kinds = references_of(c, "job", ids)
+    waiters = dict.fromkeys(r.sweep_id or r.id for r in rows)
+    needs = dependencies.needs_by_waiter(c, list(waiters))
+    past = _history(c, [r.id for r in rows if r.attempt > 1])
+    return [
+        _job(
+            r,
+            [k for k in kinds.get(r.id, []) if k != "film"],
+            needs.get(r.sweep_id or r.id, ()),
+            tuple(past.get(r.id, ())),
+        )
+        for r in rows
+    ]
 
 
-def _job(r: Any, kinds: Sequence[str]) -> Job:
+def _history(c: Connection, job_ids: Sequence[str]) -> dict[str, list[JsonDict]]:
+    """Return how the earlier attempts of jobs ended, first to last."""
+    if not job_ids:
+        return {}
+    rows = sa.select(job_history).where(job_history.c.job_id.in_(job_ids))
+    found: dict[str, list[JsonDict]] = {}
+    for r in c.execute(rows.order_by(job_history.c.job_id, job_history.c.attempt)):
+        line = {key: value for key, value in r._mapping.items() if key != "job_id"}
+        found.setdefault(r.job_id, []).append(line)
+    return found
+
+
+def _effective_priority(r: Any) -> float:
+    end = r.finished or time.time()
+    return float(round(r.priority + max(0.0, end - r.queued) / AGEING_S, 2))
+
+
+def _job(
+    r: Any, kinds: Sequence[str], after: tuple[str, ...] = (), history: tuple[JsonDict, ...] = ()
+) -> Job:
     ended = r.ended_spp is not None
     relmse, lower, upper = (
         (r.ended_relmse, r.ended_relmse_lower, r.ended_relmse_upper)
@@ -136,6 +169,12 @@ def _job(r: Any, kinds: Sequence[str]) -> Job:
         cell=r.cell,
         parameters=json.loads(r.parameters),
         artifacts=tuple(kinds),
+        effective_priority=_effective_priority(r),
+        deadline=r.deadline,
+        after=after,
+        waiting_for=r.blockers,
+        attempt=r.attempt,
+        history=history,
     )
 
 
@@ -157,6 +196,7 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
     ids = [r.id for r in rows]
     kinds = references_of(c, "sweep", ids)
     found: dict[str, dict[str, int]] = {i: {s.value: 0 for s in JobState} for i in ids}
+    needs = dependencies.needs_by_waiter(c, ids)
     grouped = (
         sa.select(job.c.sweep_id, job.c.state, sa.func.count())
         .where(job.c.sweep_id.in_(ids))
@@ -177,6 +217,8 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
             columns=r.columns,
             baseline=r.baseline,
             artifacts=tuple(kinds.get(r.id, [])),
+            after=needs.get(r.id, ()),
+            waiting_for=r.blockers,
         )
         for r in rows
     ]

@@ -36,6 +36,19 @@ def submit(
     ] = None,
     priority: Annotated[int | None, typer.Option(help="0 to 100; higher runs first.")] = None,
     label: Annotated[str, typer.Option(help="A name for people.")] = "",
+    deadline: Annotated[
+        str | None,
+        typer.Option(
+            help="Seconds from now, or a moment (2026-11-24T06:00:00Z): the job ends then, as"
+            " expired, with the samples it has."
+        ),
+    ] = None,
+    after: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Begin when this job or sweep has succeeded. Can be given more than once."
+        ),
+    ] = None,
     url: Annotated[
         str | None, typer.Option(help="The service (default: the one of the data directory).")
     ] = None,
@@ -65,6 +78,8 @@ def submit(
                 stop=rule or None,
                 priority=priority,
                 label=label or scene.stem,
+                deadline=_deadline(deadline),
+                after=after or (),
                 on_upload=on_upload,
             )
         if not (wait or output):
@@ -74,6 +89,15 @@ def submit(
         for path in output or []:
             client.fetch(job.id, KINDS[path.suffix.lower()], path)
             typer.echo(f"wrote {path}")
+        if job.state != "succeeded":
+            raise typer.Exit(1)
+
+
+def _deadline(text: str | None) -> float | str | None:
+    try:
+        return None if text is None else float(text)
+    except ValueError:
+        return text
 
 
 def _wait(client: Client, job: JobStatus) -> JobStatus:
@@ -85,11 +109,11 @@ def _wait(client: Client, job: JobStatus) -> JobStatus:
     except KeyboardInterrupt:
         typer.echo(
             f"job {job.id} goes on at {client.url}; cancel it with\n"
-            f"  curl -X POST {client.url}/v1/jobs/{job.id}:cancel",
+            f"  matiere cancel {job.id} --url {client.url}",
             err=True,
         )
         raise typer.Exit(130) from None
     typer.echo(describe(job))
-    if job.state != "succeeded":
+    if job.state != "succeeded" and "image_png" not in job.links:
         raise typer.Exit(1)
     return job

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
+import contextlib
+from collections.abc import Iterator
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Query, Request, Response
 
 from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
-from matiere.jobs.errors import AssetMissing, JobNotFound, NotReadyYet
+from matiere.jobs.errors import AssetMissing, IllegalTransition, JobNotFound, NotReadyYet
 from matiere.jobs.job import Job, JobState
 from matiere.service import deps
 from matiere.service.deps import EngineDep, InFlightDep, KeyDep
 from matiere.service.errors import Problem, pointer, problem_of
 from matiere.service.jsonbody import StrictRoute
-from matiere.service.schemas import JOB_FILES, JobPage, JobSubmission, JobView
+from matiere.service.schemas import JOB_FILES, Change, JobPage, JobSubmission, JobView
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], route_class=StrictRoute)
 
+OWN = ("stop", "priority", "deadline", "after")  # parts of a submission beside the scene
 RETRY_AFTER = {"Retry-After": "2"}
 PAGE = 100
 MAX_PAGE = 1000
@@ -42,10 +45,12 @@ def submit_job(
                 assets=pins,
                 priority=submission.priority,
                 label=submission.label,
+                deadline=submission.deadline,
+                after=submission.after,
                 idempotency_key=key,
             )
         except MatiereError as error:
-            raise submission_problem(error, "/scene", ("stop", "priority")) from error
+            raise submission_problem(error, "/scene", OWN) from error
     accept(response, f"/v1/jobs/{job.id}")
     return JobView.of(job)
 
@@ -76,6 +81,46 @@ def cancel_job(job_id: str, engine: EngineDep) -> JobView:
     return JobView.of(engine.cancel_job(job_id))
 
 
+@router.post("/{job_id}:pause", response_model=JobView)
+def pause_job(job_id: str, engine: EngineDep) -> JobView:
+    """Hold a job back; its samples are kept. One whose samples are complete ends all the same."""
+    find_job(engine, job_id)
+    with legal():
+        return JobView.of(engine.pause_job(job_id))
+
+
+@router.post("/{job_id}:resume", response_model=JobView)
+def resume_job(job_id: str, engine: EngineDep) -> JobView:
+    """Let a paused job go on, in its old place in the queue."""
+    find_job(engine, job_id)
+    with legal():
+        return JobView.of(engine.resume_job(job_id))
+
+
+@router.post("/{job_id}:requeue", response_model=JobView)
+def requeue_job(job_id: str, engine: EngineDep) -> JobView:
+    """Start the next attempt of a job that failed, expired or was cancelled."""
+    find_job(engine, job_id)
+    with legal():
+        return JobView.of(engine.requeue_job(job_id))
+
+
+@router.patch("/{job_id}", response_model=JobView)
+def change_job(job_id: str, change: Change, engine: EngineDep) -> JobView:
+    """Change the priority of a job that has not ended; the time it has waited still counts."""
+    find_job(engine, job_id)
+    return JobView.of(engine.set_priority(job_id, change.priority))
+
+
+@contextlib.contextmanager
+def legal() -> Iterator[None]:
+    """Raise `illegal_transition` for a step that the state does not allow."""
+    try:
+        yield
+    except IllegalTransition as error:
+        raise Problem("illegal_transition", f"{error}.") from None
+
+
 @router.get("/{job_id}", response_model=JobView)
 def get_job(job_id: str, response: Response, engine: EngineDep) -> JobView:
     """Read a job: state, samples, error with its interval, links to its files."""
@@ -87,7 +132,8 @@ def get_job(job_id: str, response: Response, engine: EngineDep) -> JobView:
 
 def _file(request: Request, engine: Engine, job_id: str, kind: str) -> Response:
     job = find_job(engine, job_id)
-    if job.state.final and job.state is not JobState.SUCCEEDED:
+    kept = job.state is JobState.EXPIRED and kind in job.artifacts
+    if job.state.final and job.state is not JobState.SUCCEEDED and not kept:
         reason = f": {job.error.message}" if job.error else ""
         raise Problem("job_not_succeeded", f"The job ended as {job.state}{reason}", state=job.state)
     try:

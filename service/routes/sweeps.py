@@ -9,7 +9,7 @@ from fastapi import APIRouter, Query, Request, Response
 from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
 from matiere.jobs.errors import JobNotFound, NotReadyYet
-from matiere.jobs.job import Sweep
+from matiere.jobs.job import JobState, Sweep
 from matiere.service import deps
 from matiere.service.deps import EngineDep, InFlightDep, KeyDep
 from matiere.service.errors import Problem
@@ -19,12 +19,20 @@ from matiere.service.routes.jobs import (
     PAGE,
     RETRY_AFTER,
     accept,
+    legal,
     refuse_missing,
     submission_problem,
 )
-from matiere.service.schemas import SweepLanguage, SweepPage, SweepSubmission, SweepView
+from matiere.service.schemas import (
+    Change,
+    SweepLanguage,
+    SweepPage,
+    SweepSubmission,
+    SweepView,
+)
 
-OWN = (*SweepLanguage.model_fields, "stop", "priority")  # of a submission, beside the base scene
+# Parts of a submission beside the base scene.
+OWN = (*SweepLanguage.model_fields, "stop", "priority", "deadline", "after")
 
 router = APIRouter(prefix="/v1/sweeps", tags=["sweeps"], route_class=StrictRoute)
 
@@ -51,6 +59,8 @@ def submit_sweep(
                 priority=submission.priority,
                 label=submission.label,
                 columns=submission.columns,
+                deadline=submission.deadline,
+                after=submission.after,
                 idempotency_key=key,
                 **language,
             )
@@ -81,6 +91,35 @@ def cancel_sweep(sweep_id: str, engine: EngineDep) -> SweepView:
     return SweepView.of(engine.cancel_sweep(sweep_id))
 
 
+@router.post("/{sweep_id}:pause", response_model=SweepView)
+def pause_sweep(sweep_id: str, engine: EngineDep) -> SweepView:
+    """Hold back every cell that waits or renders; all samples are kept."""
+    find_sweep(engine, sweep_id)
+    return SweepView.of(engine.pause_sweep(sweep_id))
+
+
+@router.post("/{sweep_id}:resume", response_model=SweepView)
+def resume_sweep(sweep_id: str, engine: EngineDep) -> SweepView:
+    """Let every paused cell go on."""
+    find_sweep(engine, sweep_id)
+    return SweepView.of(engine.resume_sweep(sweep_id))
+
+
+@router.post("/{sweep_id}:requeue", response_model=SweepView)
+def requeue_sweep(sweep_id: str, engine: EngineDep) -> SweepView:
+    """Start the next attempt of every cell that failed, expired or was cancelled."""
+    find_sweep(engine, sweep_id)
+    with legal():
+        return SweepView.of(engine.requeue_sweep(sweep_id))
+
+
+@router.patch("/{sweep_id}", response_model=SweepView)
+def change_sweep(sweep_id: str, change: Change, engine: EngineDep) -> SweepView:
+    """Change the priority of every cell that has not ended."""
+    find_sweep(engine, sweep_id)
+    return SweepView.of(engine.set_sweep_priority(sweep_id, change.priority))
+
+
 @router.get("/{sweep_id}", response_model=SweepView)
 def get_sweep(sweep_id: str, response: Response, engine: EngineDep) -> SweepView:
     """Read a sweep: its axes and how many cells are in which state."""
@@ -102,7 +141,7 @@ def contact_sheet(sweep_id: str, request: Request, engine: EngineDep) -> Respons
     try:
         artifact = engine.sweep_artifact(sweep_id)
     except NotReadyYet:
-        ended = sum(n for state, n in sweep.counts.items() if state not in ("queued", "running"))
+        ended = sum(n for state, n in sweep.counts.items() if JobState(state).final)
         raise Problem(
             "sweep_not_finished",
             f"{ended} of {sweep.cells} cells have ended.",

@@ -153,6 +153,8 @@ def misdeed(scene: JsonDict, index: int) -> None:
     wanted = scene.get("misdeed")
     if wanted is None or index != wanted.get("chunk", 0):
         return
+    if Path(wanted.get("unless", "/nowhere")).exists():
+        return
     flag = wanted.get("once")
     if flag is not None:
         try:

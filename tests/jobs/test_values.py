@@ -16,7 +16,9 @@ from matiere.jobs.job import JobState, check_transition
 LEGAL = {
     ("queued", "running"), ("queued", "succeeded"), ("queued", "failed"), ("queued", "cancelled"),
     ("queued", "expired"), ("running", "succeeded"), ("running", "failed"),
-    ("running", "cancelled"), ("running", "expired"),
+    ("running", "cancelled"), ("running", "expired"), ("queued", "paused"), ("running", "paused"),
+    ("paused", "queued"), ("paused", "cancelled"), ("paused", "expired"),
+    ("failed", "queued"), ("cancelled", "queued"), ("expired", "queued"),
 }  # fmt: skip
 
 

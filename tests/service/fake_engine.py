@@ -32,6 +32,7 @@ from matiere.jobs.job import (
     JobState,
     Readiness,
     Sweep,
+    check_transition,
 )
 
 FILES = ("image.png", "image.exr", "report.json", "error.svg")
@@ -65,6 +66,8 @@ class FakeEngine(Engine):
         assets: Mapping[str, str] | None = None,
         priority: int = 50,
         label: str = "",
+        deadline: float | str | None = None,
+        after: Sequence[str] = (),
         idempotency_key: str | None = None,
     ) -> Job:
         """Keep a job."""
@@ -170,6 +173,29 @@ class FakeEngine(Engine):
             job = self.finish(job_id, JobState.CANCELLED)
         return job
 
+    def pause_job(self, job_id: str) -> Job:
+        """Pause a job."""
+        return self._change(job_id, JobState.PAUSED)
+
+    def resume_job(self, job_id: str) -> Job:
+        """Queue a job again."""
+        return self._change(job_id, JobState.QUEUED)
+
+    def requeue_job(self, job_id: str) -> Job:
+        """Queue a job again."""
+        return self._change(job_id, JobState.QUEUED)
+
+    def _change(self, job_id: str, state: JobState) -> Job:
+        job = self.get_job(job_id)
+        check_transition(job.state, state)
+        self.jobs[job_id] = replace(job, state=state)
+        return self.jobs[job_id]
+
+    def set_priority(self, job_id: str, priority: int) -> Job:
+        """Change a priority."""
+        self.jobs[job_id] = replace(self.get_job(job_id), priority=priority)
+        return self.jobs[job_id]
+
     def submit_sweep(
         self,
         base: Mapping[str, Any],
@@ -181,6 +207,8 @@ class FakeEngine(Engine):
         priority: int = 50,
         label: str = "",
         columns: int | None = None,
+        deadline: float | str | None = None,
+        after: Sequence[str] = (),
         idempotency_key: str | None = None,
         **language: Any,
     ) -> Sweep:
