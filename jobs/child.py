@@ -146,6 +146,10 @@ class Child:
             return utility.check_material(self.work, request)
         if request["op"] == "images":
             return utility.make_images(self.work, request, self.folder)
+        if request["op"] == "night":
+            return utility.make_night(self.work, request, self.folder)
+        if request["op"] == "compare":
+            return utility.compare(request, self.folder)
         if request["op"] == "sheet":
             return utility.make_sheet(self.work, request, self.folder)
         raise ValueError(f"unknown request {request['op']!r}")

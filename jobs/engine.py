@@ -38,6 +38,7 @@ from matiere.jobs import deadline as deadlines
 from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
+from matiere.jobs.engine_nights import EngineNights
 from matiere.jobs.errors import (
     AssetMismatch,
     Busy,
@@ -111,7 +112,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls):
+class Engine(Controls, EngineNights):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(

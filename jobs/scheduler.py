@@ -28,7 +28,7 @@ from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
 from matiere.jobs.term import Term
-from matiere.jobs.utility_queue import CHECK, STABILITY, Question, UtilityQueue
+from matiere.jobs.utility_queue import CHECK, COMPARE, STABILITY, Question, UtilityQueue
 from matiere.jobs.warden import Warden
 
 log = logging.getLogger("matiere.jobs.scheduler")
@@ -39,6 +39,7 @@ LEAST_CLAIM_S = 0.1  # the tail of a film is shared out, but not in smaller piec
 FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
 PIPELINE = 2  # claims a child may hold: one at work, one waiting
 MOST_CHUNKS = 4096  # of one claim
+COMPARE_S = 120.0  # and for a comparison of nights
 CHECK_S = 10.0  # whoever asks the utility child something waits so long
 MAX_TRIES = 3
 MAX_LOSSES = 20
@@ -107,6 +108,7 @@ class Scheduler(threading.Thread):
         self.utility = UtilityQueue(self, Slot("utility"))
         self._warden = Warden(self)
         self._examining = threading.Lock()  # held while a material is checked
+        self._comparing = threading.Lock()  # held while nights are compared
         self._unsaved: list[Message] = []  # reports that met a full disk
         self._rates: dict[str, float] = {}  # geometry key -> samples per second of one child
         self._stopping = False
@@ -147,11 +149,22 @@ class Scheduler(threading.Thread):
         finally:
             self._examining.release()
 
-    def _ask(self, kind: int, request: JsonDict) -> JsonDict:
+    def compare_nights(self, request: JsonDict) -> JsonDict:
+        """Have the utility child compare two nights; raises Busy when it has no time for it."""
+        if not self._comparing.acquire(blocking=False):
+            raise Busy("the service is comparing other nights")
+        try:
+            return self._ask(COMPARE, request, COMPARE_S)
+        except TimeoutError:
+            raise Busy("the service is at other work (merging films, drawing images)") from None
+        finally:
+            self._comparing.release()
+
+    def _ask(self, kind: int, request: JsonDict, patience_s: float | None = None) -> JsonDict:
         question = Question(kind, request)
         self.inbox.put(question)
         try:
-            return question.answer.result(CHECK_S)
+            return question.answer.result(CHECK_S if patience_s is None else patience_s)
         except TimeoutError:
             question.answer.cancel()
             raise

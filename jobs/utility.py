@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from typing import Any
 
-from matiere.jobs.artifacts import ArtifactFolder, unpack
+from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, unpack
 from matiere.jobs.job import JsonDict
+from matiere.jobs.night import StoredNight, write_page
 
 
 def check(work: Any, request: JsonDict) -> JsonDict:
@@ -25,6 +27,32 @@ def make_images(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDic
     header, records = unpack(folder.read(request["film"]))
     files = work.make_images(records[0], header, request)
     return {"files": {kind: list(folder.write([data])) for kind, data in files.items()}}
+
+
+def make_night(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+    """Write one page of a sweep's night: its cells and their signatures."""
+    digest, size = write_page(folder, _signed(request["cells"], folder), work.engines())
+    return {"digest": digest, "size": size}
+
+
+def _signed(
+    cells: Sequence[JsonDict], folder: ArtifactFolder
+) -> Iterator[tuple[JsonDict, bytes | None]]:
+    for cell in cells:
+        digest = cell.pop("signature")
+        try:
+            yield cell, None if digest is None else folder.read(digest)
+        except DamagedFile:  # the night says that it has none
+            yield cell, None
+
+
+def compare(request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+    """Compare the nights of two sweeps."""
+    from matiere.jobs.compare_nights import compare_nights
+    from matiere.jobs.night_options import Options
+
+    a, b = (StoredNight(n["head"], folder, n["pages"]) for n in (request["a"], request["b"]))
+    return {"report": compare_nights(a, b, Options(**request["options"]))}
 
 
 def make_sheet(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:

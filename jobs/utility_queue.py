@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import JobError, JobState, JsonDict
-from matiere.jobs.store import files, films, jobs, views
+from matiere.jobs.store import files, films, jobs, nights, views
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Merged
 
@@ -27,24 +27,31 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("matiere.jobs.utility")
 
-STABILITY, CHECK, MERGE, IMAGES, SHEET = -1, 0, 1, 2, 3
+STABILITY, CHECK, COMPARE, MERGE, IMAGES, NIGHT, SHEET = -1, 0, 1, 2, 3, 4, 5
 NAMES = {
-    STABILITY: "stability", CHECK: "check", MERGE: "merge", IMAGES: "images", SHEET: "sheet",
+    STABILITY: "stability", CHECK: "check", COMPARE: "compare", MERGE: "merge", IMAGES: "images",
+    NIGHT: "night", SHEET: "sheet",
 }  # fmt: skip
 WORDS = {
     STABILITY: "check a material",
     CHECK: "read its files",
+    COMPARE: "compare the nights",
     MERGE: "merge its chunks",
     IMAGES: "make its images",
+    NIGHT: "write its night",
     SHEET: "draw its contact sheet",
 }
 MAX_TRIES = 3
-LIMIT_S = {STABILITY: 5.0, CHECK: 30.0, MERGE: 3600.0, IMAGES: 900.0, SHEET: 900.0}
+LIMIT_S = {
+    STABILITY: 5.0, CHECK: 30.0, COMPARE: 600.0, MERGE: 3600.0, IMAGES: 900.0, NIGHT: 900.0,
+    SHEET: 900.0,
+}  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Question:
-    """A request (CHECK: of a scene's files, STABILITY: of a material) that somebody waits for.
+    """A request (CHECK: of a scene's files, STABILITY: of a material, COMPARE: of two nights) that
+    somebody waits for.
 
     The answer has `faults`, a list that is empty when all went well, and what the child reported.
     """
@@ -120,6 +127,9 @@ class UtilityQueue:
     def sweeps_may_have_ended(self) -> None:
         """Find sweeps whose cells have all ended."""
         for sweep_id in self._scheduler.db.read(jobs.finished_sweeps):
+            for page in self._scheduler.db.read(lambda c, i=sweep_id: nights.missing_pages(c, i)):  # type: ignore[misc]
+                key = f"{sweep_id}/{page}"
+                self._add(Task(NIGHT, key, lambda k=key: self._night_request(k)))  # type: ignore[misc]
             self._add(Task(SHEET, sweep_id, lambda i=sweep_id: self._sheet_request(i)))  # type: ignore[misc]
 
     def _add(self, task: Task) -> None:
@@ -177,8 +187,10 @@ class UtilityQueue:
             handler = {
                 STABILITY: self._answered,
                 CHECK: self._answered,
+                COMPARE: self._answered,
                 MERGE: self._merged,
                 IMAGES: self._developed,
+                NIGHT: self._paged,
                 SHEET: self._drawn,
             }
             if not handler[task.kind](task, body):
@@ -231,7 +243,7 @@ class UtilityQueue:
             task.question.reply([fault])
         elif task.kind == IMAGES:
             db.write(lambda c: jobs.fail_job(c, str(task.key), error))
-        else:
+        elif task.kind == SHEET:
             db.write(lambda c: jobs.finish_sweep(c, str(task.key), None))
         self._scheduler.garbage()
         self._finish(task)
@@ -354,6 +366,21 @@ class UtilityQueue:
         s.wake()  # what waited for it may begin; one requeued meanwhile is developed again
         s.garbage()
         self.sweeps_may_have_ended()
+        return True
+
+    # -- nights ---------------------------------------------------------------------------------
+    def _night_request(self, key: str) -> JsonDict:
+        sweep_id, page = key.split("/")
+        rows = self._scheduler.db.read(lambda c: nights.page_rows(c, sweep_id, int(page)))
+        return {"cells": rows}
+
+    def _paged(self, task: Task, body: JsonDict) -> bool:
+        s, (sweep_id, page) = self._scheduler, str(task.key).split("/")
+        blob = Blob(body["digest"], body["size"])
+        if not s.folder.has(blob.digest, blob.size):
+            return False
+        kind = nights.KIND.format(int(page))
+        s.db.write(lambda c: files.add_reference(c, ("sweep", sweep_id), kind, blob))
         return True
 
     # -- sheets ---------------------------------------------------------------------------------

@@ -223,6 +223,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
 
     from matiere.report import picture_report
+    from matiere.signature import signature
 
     film = _film(stored, header, request)
     output = request["output"]
@@ -242,6 +243,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
         "image.exr": _image(film, ".exr", bit_depth=depths.get("exr")),
         "report.json": json.dumps(report, allow_nan=False, indent=1).encode(),
         "error.svg": _plot(film, job["label"]).encode(),
+        "signature": signature(film).to_bytes(),
     }
 
 
@@ -265,6 +267,15 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
         threads=request["threads"],
     )
     return Film(chunks.open_film(bytes(stored), of), info)
+
+
+def engines() -> dict[str, Any]:
+    """Return the fingerprint of this engine by its digest, as signatures name it."""
+    from matiere.scene.digest import fingerprint
+    from matiere.signature import engine_digest
+
+    mine = fingerprint()
+    return {engine_digest(mine): mine}
 
 
 def _plot(film: Film, label: str) -> str:

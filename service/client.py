@@ -350,6 +350,31 @@ class Client:
         answer = self._request("PATCH", f"/v1/sweeps/{sweep_id}", json=change).json()
         return SweepStatus.model_validate(answer)
 
+    # -- nights -------------------------------------------------------------------------------
+    def night(self, sweep_id: str) -> dict[str, Any]:
+        """Return what a finished sweep's night is called, and the URLs of its pages."""
+        found: dict[str, Any] = self._request("GET", f"/v1/sweeps/{sweep_id}/night").json()
+        return found
+
+    def night_page(self, url: str) -> bytes:
+        """Return the bytes of one page."""
+        return self._request("GET", url).content
+
+    def compare_sweeps(self, a: str, b: str, **options: Any) -> dict[str, Any]:
+        """Compare the nights of two sweeps in the service; waits while it has no time."""
+        body = {"a": a, "b": b, **options}
+        for pause in _pauses(self.patience_s * 10):
+            try:
+                answer = self._request("POST", "/v1/compare", json=body, timeout=SUBMIT_TIMEOUT_S)
+            except ServiceError as error:
+                if error.code != "too_many_comparisons":
+                    raise
+                time.sleep(pause)
+            else:
+                report: dict[str, Any] = answer.json()
+                return report
+        raise TimeoutError("the service had no time to compare the nights")
+
     # -- results ------------------------------------------------------------------------------
     def fetch(self, job_id: str, kind: str, path: str | os.PathLike[str]) -> Path:
         """Write `image.png`, `image.exr`, `report.json` or `error.svg` of a job to `path`."""

@@ -157,6 +157,11 @@ CODES: dict[str, Kind] = {
         "There is no time for this check now",
         "Send it again in a few seconds; `matiere check` does the same on your own machine.",
     ),
+    "too_many_comparisons": Kind(
+        429,
+        "There is no time for this comparison now",
+        "Send it again in a few seconds; `matiere compare` does the same on your own machine.",
+    ),
     "internal_error": Kind(
         500,
         "The service made a mistake",

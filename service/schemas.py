@@ -412,6 +412,8 @@ class SweepView(BaseModel):
             links[action] = f"{self_link}:{action}"
         if "contact-sheet.png" in sweep.artifacts:
             links["contact_sheet"] = f"{self_link}/contact-sheet.png"
+        if sweep.finished is not None:
+            links["night"] = f"{self_link}/night"
         return cls(
             id=sweep.id,
             state=sweep_state(sweep),

@@ -48,7 +48,7 @@ def run_sweep(
         sweep = load_sweep(sweep_file)
     check_writable(output / "table.csv")
     settings = resolve({"data": data, "children": children}).settings
-    with _client(url, settings) as (client, own):
+    with open_client(url, settings) as (client, own):
         folder = OutputFolder(output)
         with worded(sweep_file):
             status = _attach(client, folder, sweep)
@@ -79,7 +79,7 @@ def _farewell(client: Client, status: SweepStatus, own: bool) -> str:
 
 
 @contextlib.contextmanager
-def _client(url: str | None, settings: Settings) -> Iterator[tuple[Client, bool]]:
+def open_client(url: str | None, settings: Settings) -> Iterator[tuple[Client, bool]]:
     """Give a client, and whether the queue behind it is this process's own."""
     found = None if url else read_announcement(settings.data)
     if url or found:

@@ -37,6 +37,7 @@ _HOMES = {
     "Scene": "scene.scene",
     "SceneModel": "scene.model",
     "SceneValidationError": "errors",
+    "Signature": "signature",
     "bsdf": "probe",
     "check": "stability",
     "compare": "compare",
@@ -53,6 +54,7 @@ _HOMES = {
     "render": "render",
     "replay": "replay",
     "schema": "scene.schema",
+    "signature": "signature",
     "write_image": "imageio",
 }
 _MODULES = ("chunks", "errors")
@@ -76,6 +78,7 @@ __all__ = [
     "Scene",
     "SceneModel",
     "SceneValidationError",
+    "Signature",
     "__version__",
     "bsdf",
     "check",
@@ -95,6 +98,7 @@ __all__ = [
     "render",
     "replay",
     "schema",
+    "signature",
     "write_image",
 ]
 
@@ -152,4 +156,5 @@ if TYPE_CHECKING:
     from matiere.scene.model import SceneModel
     from matiere.scene.scene import Scene
     from matiere.scene.schema import schema
+    from matiere.signature import Signature, signature
     from matiere.stability import check

@@ -29,6 +29,9 @@ _FILM = [
 ]
 
 
+INNER = ("film", "signature")  # files of a job that nobody fetches one by one
+
+
 def get_job(c: Connection, job_id: str) -> Job:
     """Return one job. Raises JobNotFound."""
     found = _jobs(c, sa.select(job, *_FILM).join(film).where(job.c.id == job_id))
@@ -107,7 +110,7 @@ def _jobs(c: Connection, query: sa.Select[Any]) -> list[Job]:
     return [
         _job(
             r,
-            [k for k in kinds.get(r.id, []) if k != "film"],
+            [k for k in kinds.get(r.id, []) if k not in INNER],
             needs.get(r.sweep_id or r.id, ()),
             tuple(past.get(r.id, ())),
         )
@@ -216,7 +219,7 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
             finished=r.finished,
             columns=r.columns,
             baseline=r.baseline,
-            artifacts=tuple(kinds.get(r.id, [])),
+            artifacts=tuple(k for k in kinds.get(r.id, []) if not k.startswith("night-")),
             after=needs.get(r.id, ()),
             waiting_for=r.blockers,
         )

@@ -239,5 +239,9 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
             "report.json": json.dumps(report).encode(), "error.svg": b"<svg/>"}  # fmt: skip
 
 
+def engines() -> JsonDict:
+    return {"fake": {"matiere": "fake"}}
+
+
 def make_sheet(cells: list[JsonDict], request: JsonDict) -> bytes:
     return json.dumps([[c["label"], bool(c["image"])] for c in cells]).encode()

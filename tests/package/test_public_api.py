@@ -14,11 +14,11 @@ PUBLIC = {
     "FilmError",
     "ImageError", "Lobe", "MatiereError",
     "MemoryLimitError", "ProbeError", "RenderError", "Replay", "Scene", "SceneModel",
-    "SceneValidationError",
+    "SceneValidationError", "Signature",
     "__version__", "bsdf", "check", "chunks", "compare", "denoise",
     "develop", "errors", "film_key", "info",
     "load", "load_film", "loads", "materials", "metals", "read_image",
-    "render", "replay", "schema", "write_image",
+    "render", "replay", "schema", "signature", "write_image",
 }  # fmt: skip
 
 

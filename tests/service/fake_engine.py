@@ -341,3 +341,17 @@ class FakeEngine(Engine):
         new = digest not in self.assets
         self.assets.add(digest)
         return new
+
+    def night(self, sweep_id: str) -> tuple[dict[str, Any], list[Artifact]]:
+        """Return a night of one page, once every cell has ended."""
+        sweep = self.get_sweep(sweep_id)
+        if not sweep.done:
+            raise NotReadyYet(f"sweep {sweep_id} has cells that have not ended")
+        head = {"name": sweep.label, "sweep_id": sweep_id, "created": 1.0, "cells": sweep.cells}
+        return head, [self._file("night", f"night of {sweep_id}")]
+
+    def compare_sweeps(self, a: str, b: str, options: Mapping[str, Any]) -> dict[str, Any]:
+        """Answer what was asked; be busy when a sweep is compared with itself."""
+        if a == b:
+            raise Busy("the service is comparing other nights")
+        return {"a": a, "b": b, **options}
