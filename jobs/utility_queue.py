@@ -379,8 +379,8 @@ class UtilityQueue:
         blob = Blob(body["digest"], body["size"])
         if not s.folder.has(blob.digest, blob.size):
             return False
-        kind = nights.KIND.format(int(page))
-        s.db.write(lambda c: files.add_reference(c, ("sweep", sweep_id), kind, blob))
+        s.db.write(lambda c: nights.add_page(c, sweep_id, int(page), blob))
+        s.garbage()
         return True
 
     # -- sheets ---------------------------------------------------------------------------------

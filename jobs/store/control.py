@@ -23,7 +23,7 @@ from matiere.jobs.job import (
     check_transition,
     queue_rank,
 )
-from matiere.jobs.store import dependencies, jobs
+from matiere.jobs.store import dependencies, jobs, nights
 from matiere.jobs.store.events import emit
 from matiere.jobs.store.files import find_reference, mark_unreferenced
 from matiere.jobs.store.tables import film, job, job_history, reference, sweep
@@ -134,6 +134,8 @@ def _requeue(c: Connection, job_ids: Iterable[str]) -> list[str]:
                     wanted[job_id] = None
                     todo.append(job_id)
     c.execute(sa.update(sweep).where(sweep.c.id.in_(sweeps)).values(finished=None))
+    for sweep_id in sweeps:
+        nights.drop_pages(c, sweep_id)
     found = list(wanted)
     for start in range(0, len(found), BATCH):
         _start_over(c, found[start : start + BATCH])

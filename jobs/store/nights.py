@@ -10,7 +10,8 @@ from sqlalchemy.engine import Connection
 
 from matiere.jobs.job import JsonDict
 from matiere.jobs.night import PAGE
-from matiere.jobs.store.files import Blob
+from matiere.jobs.store.files import Blob, add_reference, discard, drop_reference
+from matiere.jobs.store.jobs import LIVE
 from matiere.jobs.store.tables import artifact, film, job, reference, sweep
 
 KIND = "night-{:05}"  # reference kind of a page of a sweep
@@ -62,6 +63,22 @@ def missing_pages(c: Connection, sweep_id: str) -> list[int]:
 def pages(c: Connection, sweep_id: str) -> list[Blob]:
     """Return the pages of a sweep's night, in order; none while it is not complete."""
     return [] if missing_pages(c, sweep_id) else [blob for _, blob in _pages(c, sweep_id)]
+
+
+def add_page(c: Connection, sweep_id: str, page: int, blob: Blob) -> bool:
+    """Record a page; false (and the file goes) if cells were queued again meanwhile."""
+    live = sa.exists().where(job.c.sweep_id == sweep_id, job.c.state.in_(LIVE))
+    if c.scalar(sa.select(live)):
+        discard(c, [blob])
+        return False
+    add_reference(c, ("sweep", sweep_id), KIND.format(page), blob)
+    return True
+
+
+def drop_pages(c: Connection, sweep_id: str) -> None:
+    """Forget the night of a sweep whose cells are queued again."""
+    for kind, _ in _pages(c, sweep_id):
+        drop_reference(c, ("sweep", sweep_id), kind)
 
 
 def _pages(c: Connection, sweep_id: str) -> list[tuple[str, Blob]]:

@@ -61,3 +61,18 @@ def test_an_unfinished_sweep_has_no_night_yet(tmp_path: Path) -> None:
         engine.wait_sweep(sweep_id, 60)
         found = engine.compare_sweeps(sweep_id, sweep_id)
         assert found["exit_code"] == 3 and found["cells"]["failed"] == 2
+
+
+def test_cells_queued_again_make_the_night_anew(tmp_path: Path) -> None:
+    with open_engine(tmp_path, children=1, min_free_bytes=0) as engine:
+        good = sweep(engine, scene())
+        base = scene(floor=0.37)
+        sweep_id = engine.submit_sweep(base, AXES).id
+        engine.cancel_sweep(sweep_id)
+        engine.wait_sweep(sweep_id, 60)
+        assert engine.compare_sweeps(good, sweep_id)["cells"]["failed"] == 2
+        engine.requeue_sweep(sweep_id)
+        with pytest.raises(NotReadyYet):
+            engine.night(sweep_id)
+        engine.wait_sweep(sweep_id, 60)
+        assert engine.compare_sweeps(good, sweep_id)["cells"]["changed"] == 2
