@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import base64
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from html import escape
 from pathlib import Path
@@ -31,6 +31,7 @@ td.n,th.n{text-align:right}small,.dim{color:#5b6570}
 align-items:flex-start}
 .change h3{font-size:16px;margin:0 0 4px}.change div.words{flex:1 1 400px}
 .change img{width:470px;max-width:100%;border:1px solid #d5dbe1}
+.dot{display:inline-block;border-width:5px;border-style:solid;border-radius:5px}
 details{margin:10px 0}summary{cursor:pointer}
 """
 
@@ -54,6 +55,29 @@ def page(report: Report, pictures: Mapping[int, Path] | None = None) -> str:
         "</body></html>",
     ]
     return "\n".join(parts) + "\n"
+
+
+def index(nights: Mapping[str, Sequence[Report]]) -> str:
+    """Return the page of all nights: the verdicts of every sweep, the newest first."""
+    parts = [
+        '<!doctype html><html lang="en"><head><meta charset="utf-8"><title>Nights</title>',
+        f"<style>{STYLE}</style></head><body><h1>Nights</h1>",
+    ]
+    for sweep, verdicts in nights.items():
+        parts.append(f"<h2>{escape(sweep)}</h2><table>")
+        parts.append("<tr><th>night</th><th>compared with</th><th>result</th></tr>")
+        for verdict in reversed(verdicts):
+            name = escape(verdict["night"])
+            link = f'<a href="{escape(sweep)}/{name}/report.html">{name}</a>'
+            words = escape(verdict["statement"]) + (" (accepted)" if verdict["accepted"] else "")
+            mood = {0: "ok", 1: "bad"}.get(verdict["exit_code"], "gap")
+            parts.append(
+                f"<tr><td>{link if verdict['against'] else name}</td>"
+                f"<td>{escape(verdict['against'] or '')}</td>"
+                f'<td><span class="dot {mood}"></span> {words}</td></tr>'
+            )
+        parts.append("</table>")
+    return "\n".join([*parts, "</body></html>"]) + "\n"
 
 
 def _mood(report: Report) -> str:

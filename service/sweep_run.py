@@ -133,8 +133,15 @@ def _attach(client: Client, folder: OutputFolder, sweep: LoadedSweep) -> SweepSt
             if not lost:
                 folder.begin(status.id, digest)
                 return status
+    status = submit(client, sweep)
+    folder.begin(status.id, digest)
+    return status
+
+
+def submit(client: Client, sweep: LoadedSweep, key: str | None = None) -> SweepStatus:
+    """Submit a sweep file's sweep, uploading what the service lacks."""
     with upload_progress() as on_upload:
-        status = client.submit_sweep(
+        return client.submit_sweep(
             sweep.base,
             sweep.axes,
             mode=sweep.mode,
@@ -142,11 +149,10 @@ def _attach(client: Client, folder: OutputFolder, sweep: LoadedSweep) -> SweepSt
             label=sweep.label,
             priority=sweep.priority,
             asset_root=sweep.root,
+            idempotency_key=key,
             on_upload=on_upload,
             **sweep.language,
         )
-    folder.begin(status.id, digest)
-    return status
 
 
 def _follow(

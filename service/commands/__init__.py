@@ -10,6 +10,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "check": ("check:check", "Test a material at its exact parameters: the stability report."),
     "compare": ("compare:compare", "Tell how two films or nights differ, and what is noise."),
     "night": ("night:night", "Export the night of a sweep, to compare it later."),
+    "nightly": ("nightly:nightly", "Run sweeps every night and tell what really changed."),
     "serve": ("serve:serve", "Serve the HTTP API: take jobs and sweeps, render them."),
     "submit": ("submit:submit", "Send a scene to a running service and fetch the image."),
     "pause": ("steer:pause", "Hold jobs or sweeps back; their samples are kept."),

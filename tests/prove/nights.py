@@ -162,9 +162,12 @@ def power(made: list[Made], seeds: int) -> dict[str, list[dict[str, Any]]]:
                  "p_corrected": row["p_corrected"], "percent": row["percent"],
                  "others": report["cells"]["changed"], "detectable": row["detectable_percent"]}
             )  # fmt: skip
-            print(f"  seed {seed}, {100 * (factor - 1):.1f} %, {name}: "
-                  f"corrected p {row['p_corrected']:.2g}, image {row['percent']:+.3f} %, smallest detectable "
-                  f"{row['detectable_percent']:.3g} %", flush=True)  # fmt: skip
+            print(
+                f"  seed {seed}, {100 * (factor - 1):.1f} %, {name}: corrected p "
+                f"{row['p_corrected']:.2g}, image {row['percent']:+.3f} %, smallest detectable "
+                f"{row['detectable_percent']:.3g} %",
+                flush=True,
+            )
     return done
 
 
@@ -174,16 +177,20 @@ def judge(found: dict[str, Any]) -> int:
     for name, rows in found["alarms"].items():
         hits = sum(row["changed"] > 0 for row in rows)
         good &= hits <= MOST_ALARMS * len(rows)
-        print(f"no change, {name}: {hits} of {len(rows)} pairs raise an alarm "
-              f"(at most {MOST_ALARMS * len(rows):.0f}); {rows[0]['tests']:,} tests each")  # fmt: skip
+        print(
+            f"no change, {name}: {hits} of {len(rows)} pairs raise an alarm (at most "
+            f"{MOST_ALARMS * len(rows):.0f}); {rows[0]['tests']:,} tests each"
+        )
     for name, rows in found["power"].items():
         hits = sum(row["found"] for row in rows)
         good &= hits >= LEAST_FOUND * len(rows)
         least = statistics.median(row["detectable"] for row in rows)
         seen = statistics.median(row["percent"] for row in rows)
-        print(f"F0 larger by {100 * (CHANGES[name] - 1):.1f} %, {name}: found in {hits} of "
-              f"{len(rows)} (needs {LEAST_FOUND * len(rows):.0f}); image {seen:+.3g} %, smallest "
-              f"detectable change of the image {least:.3g} %")  # fmt: skip
+        print(
+            f"F0 larger by {100 * (CHANGES[name] - 1):.1f} %, {name}: found in {hits} of "
+            f"{len(rows)} (needs {LEAST_FOUND * len(rows):.0f}); image {seen:+.3g} %, smallest "
+            f"detectable change of the image {least:.3g} %"
+        )
     return 0 if good else 1
 
 
