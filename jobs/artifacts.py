@@ -14,10 +14,12 @@ import secrets
 import shutil
 from collections.abc import Iterable, Iterator, Sequence
 from pathlib import Path
+from typing import Protocol
 
 from matiere.jobs.job import JsonDict
 
 MAGIC = b"matiere-pack-1\n"
+PIECE = 2**20  # bytes read at a time when a file is streamed
 
 
 class DamagedFile(Exception):
@@ -33,12 +35,67 @@ class StorageFault(OSError):
     """A file could not be written: the disk is full, read-only or broken. Try again later."""
 
 
+class Artifacts(Protocol):
+    """Content-addressed files, wherever they lie: in a folder, or in an object store."""
+
+    @property
+    def location(self) -> str:
+        """What `open_artifacts` opens them by, in a child too."""
+
+    def path(self, digest: str) -> Path | None:
+        """Return the local file, or None if there is none."""
+
+    def write(self, pieces: Iterable[bytes]) -> tuple[str, int]:
+        """Store bytes durably and return (digest, size). Raises StorageFault, leaving nothing."""
+
+    def read(self, digest: str) -> bytes:
+        """Return the bytes, checked. Raises DamagedFile if missing or changed."""
+
+    def stream(self, digest: str) -> Iterator[bytes]:
+        """Yield the bytes in pieces, unchecked. Raises DamagedFile if missing."""
+
+    def has(self, digest: str, size: int) -> bool:
+        """Tell whether a file of this name and size is there."""
+
+    def remove(self, digest: str) -> None:
+        """Delete a file, if it is there."""
+
+    def remove_all(self, digests: Iterable[str]) -> None:
+        """Delete files, where they are there."""
+
+    def remove_temporary(self) -> int:
+        """Delete what unfinished writes left behind; only while no child runs."""
+
+    def written_before(self, moment: float) -> Iterator[str]:
+        """Yield the digests of files last written before `moment` (Unix seconds)."""
+
+
+def open_artifacts(location: str | Path) -> Artifacts:
+    """Return the files at a folder or at a URL (`s3://bucket/prefix`)."""
+    if "://" not in str(location):
+        return ArtifactFolder(location)
+    from matiere.jobs.object_store import ObjectStore
+
+    return ObjectStore(str(location))
+
+
+def local_file(artifacts: Artifacts, digest: str, scratch: str | Path) -> Path:
+    """Return a local file that holds an artifact: its own, or a copy in the folder `scratch`."""
+    if (path := artifacts.path(digest)) is not None:
+        return path
+    copy = Path(scratch) / digest
+    if not copy.exists():
+        copy.write_bytes(artifacts.read(digest))
+    return copy
+
+
 class ArtifactFolder:
     """A folder of content-addressed files."""
 
     def __init__(self, root: str | Path) -> None:
         """Use `root`, which exists or is made on the first write."""
         self.root = Path(root)
+        self.location = str(root)
         self.temporary = self.root / "tmp"  # on the same disk, so that a rename moves nothing
 
     def path(self, digest: str) -> Path:
@@ -83,6 +140,15 @@ class ArtifactFolder:
             raise DamagedFile(why, digest)
         return data
 
+    def stream(self, digest: str) -> Iterator[bytes]:
+        """Yield the bytes of a file in pieces, unchecked. Raises DamagedFile if missing."""
+        try:
+            with self.path(digest).open("rb") as file:
+                while piece := file.read(PIECE):
+                    yield piece
+        except FileNotFoundError:
+            raise DamagedFile(f"artifact {digest} is missing", digest) from None
+
     def has(self, digest: str, size: int) -> bool:
         """Tell whether a file of this name and size is there."""
         try:
@@ -93,6 +159,11 @@ class ArtifactFolder:
     def remove(self, digest: str) -> None:
         """Delete a file, if it is there."""
         self.path(digest).unlink(missing_ok=True)
+
+    def remove_all(self, digests: Iterable[str]) -> None:
+        """Delete files, where they are there."""
+        for digest in digests:
+            self.remove(digest)
 
     def remove_temporary(self) -> int:
         """Delete what unfinished writes left behind; only while no child runs."""

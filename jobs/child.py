@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Any
 
 from matiere.errors import MatiereError
-from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, StorageFault
+from matiere.jobs.artifacts import DamagedFile, StorageFault, open_artifacts
 from matiere.jobs.job import JsonDict
 
 PR_SET_PDEATHSIG = 1
@@ -73,7 +73,8 @@ class Child:
     def __init__(self, options: argparse.Namespace) -> None:
         """Open pipes and the work module."""
         self.reports = Reports(options.report)
-        self.folder = ArtifactFolder(options.artifacts)
+        self.folder = open_artifacts(options.artifacts)
+        self.data = Path(options.data)
         self.work = importlib.import_module(options.work)
         self.threads: int = options.threads
         self.slots: int = options.slots
@@ -133,6 +134,7 @@ class Child:
     def _answer(self, request: JsonDict, flag: Any) -> JsonDict | None:
         from matiere.jobs import merge, rendering, utility
 
+        locate_assets(request, self.data)
         if request["op"] == "render":
             if self._renderer is None:
                 self._renderer = rendering.Renderer(self.work, self.threads, self.slots)
@@ -153,6 +155,16 @@ class Child:
         if request["op"] == "sheet":
             return utility.make_sheet(self.work, request, self.folder)
         raise ValueError(f"unknown request {request['op']!r}")
+
+
+def locate_assets(request: JsonDict, data: Path) -> None:
+    """Find the assets of a film below the data directory, wherever that lies by now."""
+    if "root" not in (assets := request.get("assets") or {}):
+        return
+    root = data / assets["root"]  # an absolute one stays as it is
+    if not root.exists():  # written by an older matiere, in a directory that was moved
+        root = data / "views" / root.name if root.parent.name == "views" else data / "assets"
+    assets["root"] = str(root)
 
 
 def describe(error: BaseException) -> JsonDict:
@@ -194,7 +206,8 @@ def main() -> None:
     parser = argparse.ArgumentParser(prog="matiere.jobs.child", description=__doc__)
     parser.add_argument("--control", type=int, required=True, help="file descriptor to read")
     parser.add_argument("--report", type=int, required=True, help="file descriptor to write")
-    parser.add_argument("--artifacts", required=True, help="folder of artifacts")
+    parser.add_argument("--artifacts", required=True, help="folder or URL of artifacts")
+    parser.add_argument("--data", required=True, help="data directory")
     parser.add_argument("--work", required=True, help="module that renders")
     parser.add_argument("--threads", type=int, required=True, help="render threads")
     parser.add_argument("--slots", type=int, required=True, help="children x threads")

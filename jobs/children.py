@@ -33,7 +33,8 @@ class ChildOptions:
     """How to start a child."""
 
     name: str
-    artifacts: Path
+    artifacts: str | Path
+    data: Path
     logs: Path
     work: str
     threads: int
@@ -127,11 +128,11 @@ class Child:
         report_read, report_write = os.pipe2(os.O_CLOEXEC)
         command = [sys.executable, "-m", "matiere.jobs.child"]
         command += ["--control", str(control_read), "--report", str(report_write)]
-        command += ["--artifacts", str(o.artifacts), "--work", o.work]
+        command += ["--artifacts", str(o.artifacts), "--data", str(o.data), "--work", o.work]
         command += ["--threads", str(o.threads), "--slots", str(o.slots)]
         command += ["--parent", str(os.getpid())]
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-        temporary = o.artifacts / "tmp"  # emptied at every start of the service
+        temporary = o.data / "artifacts" / "tmp"  # emptied at every start of the service
         with contextlib.suppress(OSError):
             temporary.mkdir(mode=0o700, parents=True, exist_ok=True)
         environment = {**os.environ, **single, "PYTHONSAFEPATH": "1", "TMPDIR": str(temporary)}

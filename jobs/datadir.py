@@ -16,7 +16,7 @@ import re
 from collections.abc import Mapping
 from pathlib import Path
 
-from matiere.jobs.artifacts import ArtifactFolder
+from matiere.jobs.artifacts import ArtifactFolder, Artifacts, open_artifacts
 from matiere.jobs.errors import AssetMissing, DataDirLocked, DiskFull, JobsError
 from matiere.jobs.job import JsonDict
 from matiere.scene.assets import unsafe
@@ -28,20 +28,23 @@ _DIGEST = re.compile(r"[0-9a-f]{64}")
 class DataDir:
     """A locked data directory; make one with `DataDir.open`."""
 
-    def __init__(self, root: Path, lock_fd: int) -> None:
+    def __init__(self, root: Path, lock_fd: int, artifacts_url: str | None = None) -> None:
         """Use `open`."""
         self.root = root
         self._lock_fd = lock_fd
         self.store = root / "store.sqlite"
-        self.artifacts = ArtifactFolder(root / "artifacts")
+        self.artifacts: Artifacts = open_artifacts(artifacts_url or root / "artifacts")
         self.assets = root / "assets"
         self.views = root / "views"
         self.logs = root / "logs"
         self.server_note = root / "server.json"
 
     @classmethod
-    def open(cls, path: str | Path) -> DataDir:
-        """Make what is missing (mode 0700) and lock it. Raises DataDirLocked."""
+    def open(cls, path: str | Path, artifacts_url: str | None = None) -> DataDir:
+        """Make what is missing (mode 0700) and lock it. Raises DataDirLocked.
+
+        With `artifacts_url` artifacts lie in that object store.
+        """
         root = Path(path).absolute()
         for folder in (root, root / "artifacts", root / "assets", root / "views", root / "logs"):
             try:
@@ -58,9 +61,13 @@ class DataDir:
             os.close(fd)
             note = read_server_note(root)
             raise DataDirLocked(str(root), note.get("url"), note.get("pid")) from None
-        self = cls(root, fd)
+        try:
+            self = cls(root, fd, artifacts_url)
+        except BaseException:
+            os.close(fd)
+            raise
         self.announce(None)
-        self.artifacts.remove_temporary()
+        ArtifactFolder(root / "artifacts").remove_temporary()  # also what children scribble
         return self
 
     def announce(self, url: str | None) -> None:
@@ -103,6 +110,12 @@ class DataDir:
                 )
             _link(source, folder / name)
         return folder
+
+    def relative(self, folder: Path) -> str:
+        """Return a folder of assets as films name it: a data directory may be moved or copied."""
+        return (
+            str(folder.relative_to(self.root)) if folder.is_relative_to(self.root) else str(folder)
+        )
 
     def link_named(self, folder: Path, name: str) -> None:
         """Show a file of the asset folder inside a view as well, if there is one."""

@@ -20,13 +20,12 @@ from __future__ import annotations
 
 import hashlib
 import importlib
-import itertools
 import logging
 import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -60,7 +59,9 @@ from matiere.jobs.job import (
     Readiness,
     Sweep,
 )
+from matiere.jobs.rules import Rules
 from matiere.jobs.scheduler import Options, Scheduler
+from matiere.jobs.storage import Janitor, Storage
 from matiere.jobs.store import events, files, films, jobs, views
 from matiere.jobs.store.database import Database
 from matiere.jobs.submission import Request, Submitter, body_hash
@@ -71,6 +72,7 @@ T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
 POLL_S = 0.05
 SHARED_POLL_S = 0.5
+MIN_FREE_BYTES = 2 * 10**9
 # What a child reports of itself, not of the request.
 BREAKDOWNS = ("lost", "signal", "python_error", "out_of_memory", "disk_full")
 MEMORY_SHARE = 8  # merging holds a film up to three times
@@ -83,7 +85,9 @@ def open_engine(
     threads_per_child: int = 1,
     url: str | None = None,
     database_url: str | None = None,
-    min_free_bytes: int = 512 * 2**20,
+    artifacts_url: str | None = None,
+    min_free_bytes: int = MIN_FREE_BYTES,
+    rules: Rules | None = None,
     max_film_bytes: int | None = None,
     work: str = DEFAULT_WORK,
 ) -> Engine:
@@ -93,19 +97,20 @@ def open_engine(
     for other commands to find (it may be set later by `Engine.announce`). Raises `DataDirLocked`
     (with `url` and `pid` of the holder), `StoreError` (store newer than the program, damaged, or
     on a network file system). Below `min_free_bytes` of free disk no new work is handed out;
+    `rules` say how long results and films are kept;
     films above `max_film_bytes` (an eighth of the memory) are refused. `work` names the module
     that renders; only tests give another.
     """
     threads = max(1, threads_per_child)
     count = children or max(1, len(os.sched_getaffinity(0)) // threads)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
-    data = DataDir.open(data_dir)
+    data = DataDir.open(data_dir, artifacts_url)
     try:
         database = Database(data.store if database_url is None else None, database_url)
     except BaseException:
         data.close()
         raise
-    options = Options(count, threads, work, min_free_bytes)
+    options = Options(count, threads, work, min_free_bytes, rules or Rules())
     engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
     if url is not None:
         engine.announce(url)
@@ -132,10 +137,11 @@ class Engine(Controls, EngineNights):
         self.resumed: JsonDict = term.found | self._begun(module)
         self._scheduler = Scheduler(database, data, options, module, term)
         self._submitter = Submitter(data, module, max_film_bytes, self._scheduler.check_files)
+        self._db.has_file = data.artifacts.has
+        self._janitor = Janitor(self.storage, lambda: self._scheduler.term.running)
+        self._scheduler.on_low_disk = self._janitor.hurry
         self._scheduler.start()
-        threading.Thread(
-            target=self._sweep_leftovers, args=(time.time(),), name="matiere-janitor", daemon=True
-        ).start()
+        self._janitor.start()
 
     # -- life ---------------------------------------------------------------------------------
     def __enter__(self) -> Engine:
@@ -171,8 +177,10 @@ class Engine(Controls, EngineNights):
             return
         self._closed = True
         self._scheduler.health.draining = True
+        self._janitor.end()
         self._scheduler.stop()
         self._scheduler.join()
+        self._janitor.join()
         try:
             self._scheduler.term.end()
         except JobsError:
@@ -180,6 +188,11 @@ class Engine(Controls, EngineNights):
         self._db.close()
         self._data.close()
         self._notify()
+
+    @property
+    def storage(self) -> Storage:
+        """What is kept for how long: usage, collection, pins."""
+        return self._scheduler.storage
 
     def readiness(self) -> Readiness:
         """Check a write transaction, an artifact write, a child's heartbeat, space, draining."""
@@ -359,6 +372,10 @@ class Engine(Controls, EngineNights):
             raise NotReadyYet(f"sweep {sweep_id} has cells that have not ended")
         return self._artifact(blob, kind, f"sweep {sweep_id} has no {kind}")
 
+    def stream(self, artifact: Artifact) -> Iterator[bytes]:
+        """Yield the bytes of an artifact, wherever it lies."""
+        return self._data.artifacts.stream(artifact.digest)
+
     def events(
         self,
         after: int = 0,
@@ -458,17 +475,6 @@ class Engine(Controls, EngineNights):
         if self._closed or self._scheduler.health.draining:
             raise Draining("the service is stopping and takes no new work; try again soon")
 
-    def _sweep_leftovers(self, started: float) -> None:
-        """Unlink files that a killed child wrote and nobody heard of."""
-        folder = self._data.artifacts
-        try:
-            old = folder.written_before(started)
-            while not self._closed and (batch := list(itertools.islice(old, 500))):
-                for digest in self._db.read(lambda c, b=batch: files.unknown(c, b)):  # type: ignore[misc]
-                    folder.remove(digest)
-        except (JobsError, OSError):
-            log.warning("could not look for left-over files", exc_info=True)
-
     def _begun(self, work: Any) -> JsonDict:
         begun = self._db.read(films.begun_films)
         missing = sum(
@@ -480,7 +486,7 @@ class Engine(Controls, EngineNights):
     def _artifact(self, blob: files.Blob | None, kind: str, why_not: str) -> Artifact:
         if blob is None:
             raise JobNotFound(why_not)
-        path = str(self._data.artifacts.path(blob.digest))
+        path = str(self._data.artifacts.path(blob.digest) or "")
         media_type = ARTIFACT_MEDIA_TYPES[kind][0]
         return Artifact(kind, blob.digest, blob.size, path, media_type)
 

@@ -111,6 +111,7 @@ class Job:
     waiting_for: int = 0  # how many of them have not yet
     attempt: int = 1  # rises with every requeue
     history: tuple[JsonDict, ...] = ()  # how the attempts before this one ended
+    pinned: bool = False  # kept whatever its age
 
 
 @dataclass(frozen=True)
@@ -130,6 +131,7 @@ class Sweep:
     after: tuple[str, ...] = ()  # jobs and sweeps that must succeed first
     waiting_for: int = 0  # how many of them have not yet
     baseline: int | None = None  # cell that others are compared with
+    pinned: bool = False  # kept whatever its age
 
     @property
     def done(self) -> bool:
@@ -157,7 +159,7 @@ class Artifact:
     kind: str
     digest: str  # SHA-256 of the bytes, lower-case hex
     size: int  # bytes
-    path: str
+    path: str  # "" in an object store
     media_type: str
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from matiere.jobs.artifacts import ArtifactFolder, pack, unpack
+from matiere.jobs.artifacts import Artifacts, pack, unpack
 from matiere.jobs.course import AdaptiveCourse, Course
 from matiere.jobs.job import JsonDict
 
@@ -20,7 +20,7 @@ COURSE = 16384  # chunks of an adaptive film that are told in advance
 class ChunkSource:
     """Chunk records by plan index, read from their files when first needed."""
 
-    def __init__(self, folder: ArtifactFolder, files: Sequence[JsonDict]) -> None:
+    def __init__(self, folder: Artifacts, files: Sequence[JsonDict]) -> None:
         """Take files as `{"digest", "chunks": [...]}`."""
         self._folder = folder
         self._file_of = {i: f["digest"] for f in files for i in f["chunks"]}
@@ -47,7 +47,7 @@ class ChunkSource:
 class Prefix:
     """The merged film so far, with its log of error against time."""
 
-    def __init__(self, work: Any, request: JsonDict, folder: ArtifactFolder) -> None:
+    def __init__(self, work: Any, request: JsonDict, folder: Artifacts) -> None:
         """Open the stored prefix of the request, or an empty film."""
         adaptive = request.get("adaptive", False)
         size = request["width"], request["height"], request["replicates"]
@@ -109,7 +109,7 @@ class Prefix:
         return {"spp": self.spp, "chunks": self.chunks, "seconds": self.seconds, "log": self.log}
 
 
-def merge(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+def merge(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Merge what is there up to the first boundary that ends a job; return the new state.
 
     `request`: width, height, replicates, prefix (digest or None), files, jobs (`id`, `stop`,

@@ -22,7 +22,7 @@ from types import TracebackType
 from typing import TYPE_CHECKING, Any
 
 from matiere.errors import MatiereError
-from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, fsync_folder, pack, unpack
+from matiere.jobs.artifacts import Artifacts, DamagedFile, fsync_folder, pack, unpack
 from matiere.jobs.job import JsonDict
 
 if TYPE_CHECKING:
@@ -102,9 +102,7 @@ class FolderNight(Night):
 class StoredNight(Night):
     """A night whose pages lie in the store."""
 
-    def __init__(
-        self, head: Mapping[str, Any], folder: ArtifactFolder, pages: Sequence[str]
-    ) -> None:
+    def __init__(self, head: Mapping[str, Any], folder: Artifacts, pages: Sequence[str]) -> None:
         """Read the rows of all pages (digests, in order)."""
         rows = list[JsonDict]()
         self._read = lru_cache(maxsize=2)(lambda digest: unpack(folder.read(digest)))
@@ -136,7 +134,7 @@ def read_rows(text: bytes) -> list[JsonDict]:
 
 
 def write_page(
-    folder: ArtifactFolder, cells: Iterable[tuple[JsonDict, bytes | None]], engines: JsonDict
+    folder: Artifacts, cells: Iterable[tuple[JsonDict, bytes | None]], engines: JsonDict
 ) -> tuple[str, int]:
     """Store one page of a night and return (digest, size)."""
     lines, blobs, offset = list[str](), list[bytes](), 0

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
-from matiere.jobs.artifacts import ArtifactFolder, pack
+from matiere.jobs.artifacts import Artifacts, pack
 from matiere.jobs.job import JsonDict
 
 KEPT_SCENES = 4  # built scenes kept per child, least recently used goes first
@@ -22,7 +22,7 @@ class Renderer:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="render")
         self._scenes: OrderedDict[str, Any] = OrderedDict()
 
-    def render(self, request: JsonDict, folder: ArtifactFolder, flag: Any) -> JsonDict | None:
+    def render(self, request: JsonDict, folder: Artifacts, flag: Any) -> JsonDict | None:
         """Render the claimed chunks into one artifact; None if cancelled meanwhile."""
         start = time.monotonic()
         scene = self._scene(request)

@@ -14,15 +14,18 @@ import signal
 import threading
 import time
 from collections import Counter
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from typing import Any
 
-from matiere.jobs.artifacts import ArtifactFolder
+from matiere.jobs.artifacts import Artifacts
 from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message, exit_class
 from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import Busy, DiskFull, StoreError
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import JobError, JsonDict
+from matiere.jobs.rules import Rules
+from matiere.jobs.storage import Storage
 from matiere.jobs.store import files, films, jobs
 from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
@@ -67,6 +70,7 @@ class Options:
     threads: int
     work: str
     min_free_bytes: int
+    rules: Rules = field(default_factory=Rules)
 
 
 @dataclass
@@ -103,6 +107,8 @@ class Scheduler(threading.Thread):
         self.inbox: queue.SimpleQueue[Message | Question | None] = queue.SimpleQueue()
         self.health = Health()
         self.term = term
+        self.storage = Storage(data, database, options.rules)
+        self.on_low_disk: Callable[[], None] | None = None
         self.films: dict[int, FilmWork] = {}
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
         self.utility = UtilityQueue(self, Slot("utility"))
@@ -268,7 +274,11 @@ class Scheduler(threading.Thread):
             self._give_back(held, Loss(held.token, held.film_id, "lost", "file_missing"))
             return
         report = Report(held.token, held.film_id, blob, body["seconds"], held.samples)
-        accepted = self.db.write(lambda c: films.complete(c, report))
+        try:
+            accepted = self.db.write(lambda c: films.complete(c, report))
+        except files.FileGone:
+            self._give_back(held, Loss(held.token, held.film_id, "lost", "file_missing"))
+            return
         self.health.counters["claims_done" if accepted else "reports_superseded"] += 1
         self._garbage |= not accepted
         film = self.films.get(held.film_id)
@@ -337,7 +347,7 @@ class Scheduler(threading.Thread):
 
     # -- children -------------------------------------------------------------------------------
     @property
-    def folder(self) -> ArtifactFolder:
+    def folder(self) -> Artifacts:
         """Where artifacts lie."""
         return self.data.artifacts
 
@@ -345,7 +355,8 @@ class Scheduler(threading.Thread):
         """Fill a slot with a new process (from this thread: children die with it)."""
         options = ChildOptions(
             slot.name,
-            self.folder.root,
+            self.folder.location,
+            self.data.root,
             self.data.logs,
             self.options.work,
             threads,
@@ -432,13 +443,17 @@ class Scheduler(threading.Thread):
             self._checked = now
             free = shutil.disk_usage(self.data.root).free
             self.health.disk_low = free < self.options.min_free_bytes
+            if self.health.disk_low and self.on_low_disk is not None:
+                self.on_low_disk()
 
     def _collect(self) -> None:
-        """Unlink files nobody refers to any more."""
-        while digests := self.db.read(files.pending_deletions):
-            for digest in digests:
-                self.folder.remove(digest)
-            self.db.write(lambda c, d=digests: files.forget_deleted(c, d))  # type: ignore[misc]
+        """Unlink files that are marked for it."""
+        try:
+            if self.db.read(lambda c: files.pending_deletions(c, 1)):
+                self.storage.unlink()
+        except OSError as error:
+            self._garbage = True
+            self.pause_for_disk(f"files cannot be deleted: {error}")
 
     def garbage(self) -> None:
         """Say that files may have lost their last reference."""

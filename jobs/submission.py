@@ -113,7 +113,7 @@ class Submitter:
                 f"this service allows {self._max_film_bytes / 2**30:.1f} GiB"
             )
             raise SceneValidationError([Fault("/film", "memory_limit", why)])
-        assets = {"root": str(files.root), "pins": facts["pins"]}
+        assets = {"root": self._data.relative(files.root), "pins": facts["pins"]}
         self._read_files(facts, assets)
         film = FilmSpec(
             film_key=facts["film_key"],

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import tempfile
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from matiere.jobs.artifacts import ArtifactFolder, DamagedFile, unpack
+from matiere.jobs.artifacts import Artifacts, DamagedFile, local_file, unpack
 from matiere.jobs.job import JsonDict
 from matiere.jobs.night import StoredNight, write_page
 
@@ -22,21 +23,21 @@ def check_material(work: Any, request: JsonDict) -> JsonDict:
     return {"report": work.check_material(*asked)}
 
 
-def make_images(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+def make_images(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Develop a merged film and store its files; `{"files": {kind: [digest, size]}}`."""
     header, records = unpack(folder.read(request["film"]))
     files = work.make_images(records[0], header, request)
     return {"files": {kind: list(folder.write([data])) for kind, data in files.items()}}
 
 
-def make_night(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+def make_night(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Write one page of a sweep's night: its cells and their signatures."""
     digest, size = write_page(folder, _signed(request["cells"], folder), work.engines())
     return {"digest": digest, "size": size}
 
 
 def _signed(
-    cells: Sequence[JsonDict], folder: ArtifactFolder
+    cells: Sequence[JsonDict], folder: Artifacts
 ) -> Iterator[tuple[JsonDict, bytes | None]]:
     for cell in cells:
         digest = cell.pop("signature")
@@ -46,7 +47,7 @@ def _signed(
             yield cell, None
 
 
-def compare(request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+def compare(request: JsonDict, folder: Artifacts) -> JsonDict:
     """Compare the nights of two sweeps."""
     from matiere.jobs.compare_nights import compare_nights
     from matiere.jobs.night_options import Options
@@ -55,12 +56,13 @@ def compare(request: JsonDict, folder: ArtifactFolder) -> JsonDict:
     return {"report": compare_nights(a, b, Options(**request["options"]))}
 
 
-def make_sheet(work: Any, request: JsonDict, folder: ArtifactFolder) -> JsonDict:
+def make_sheet(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Draw the contact sheet of a sweep and store it."""
-    cells = [
-        cell | {"image": str(folder.path(cell["image"])) if cell["image"] else None}
-        for cell in request["cells"]
-    ]
-    data: bytes = work.make_sheet(cells, request)
+    with tempfile.TemporaryDirectory() as scratch:
+        cells = [
+            cell | {"image": cell["image"] and str(local_file(folder, cell["image"], scratch))}
+            for cell in request["cells"]
+        ]
+        data: bytes = work.make_sheet(cells, request)
     digest, size = folder.write([data])
     return {"digest": digest, "size": size}

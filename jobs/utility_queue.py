@@ -193,7 +193,11 @@ class UtilityQueue:
                 NIGHT: self._paged,
                 SHEET: self._drawn,
             }
-            if not handler[task.kind](task, body):
+            try:
+                stored = handler[task.kind](task, body)
+            except files.FileGone:
+                stored = False
+            if not stored:
                 self._again(task, "file_missing", "a file that was just written is gone", "")
                 return
             self._finish(task)

@@ -17,7 +17,7 @@ from fastapi.responses import JSONResponse
 from matiere.jobs.engine import Engine
 from matiere.service import errors
 from matiere.service.deps import InFlight
-from matiere.service.routes import assets, checks, health, jobs, materials, nights, sweeps
+from matiere.service.routes import assets, checks, health, jobs, materials, nights, storage, sweeps
 from matiere.service.security import LOOPBACK_NAMES, SecurityMiddleware
 from matiere.service.settings import Settings
 
@@ -61,6 +61,6 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
         max_asset_bytes=settings.max_asset_bytes,
         body_timeout_s=settings.body_timeout_s,
     )
-    for routes in (jobs, sweeps, nights, assets, materials, checks, health):
+    for routes in (jobs, sweeps, nights, assets, materials, checks, storage, health):
         app.include_router(routes.router)
     return app

@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from typing import Annotated, cast
 
 from fastapi import Depends, Header, Request
-from starlette.responses import FileResponse, Response
+from starlette.responses import FileResponse, Response, StreamingResponse
 
 from matiere.jobs.engine import Engine
 from matiere.jobs.job import Artifact
@@ -127,6 +127,11 @@ def file_response(request: Request, artifact: Artifact, filename: str) -> Respon
     known = [tag.strip() for tag in request.headers.get("if-none-match", "").split(",")]
     if "*" in known or etag in [tag.removeprefix("W/") for tag in known]:
         return Response(status_code=304, headers=headers)
+    if not artifact.path:  # in an object store
+        headers |= {"Content-Length": str(artifact.size)}
+        headers |= {"Content-Disposition": f'inline; filename="{filename}"'}
+        pieces = engine_of(request).stream(artifact)
+        return StreamingResponse(pieces, headers=headers, media_type=artifact.media_type)
     return FileResponse(
         artifact.path,
         headers=headers,

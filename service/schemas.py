@@ -320,6 +320,7 @@ class JobView(BaseModel):
     waiting_for: int = Field(description="how many of `after` have not succeeded yet")
     attempt: int = Field(description="1, and one more with every requeue")
     history: list[PastAttempt] = Field(description="how the attempts before this one ended")
+    pinned: bool = Field(description="kept whatever its age")
     links: dict[str, str]
 
     @classmethod
@@ -364,6 +365,7 @@ class JobView(BaseModel):
             waiting_for=job.waiting_for,
             attempt=job.attempt,
             history=[PastAttempt.of(line) for line in job.history],
+            pinned=job.pinned,
             links=links,
         )
 
@@ -396,6 +398,7 @@ class SweepView(BaseModel):
     counts: dict[str, int] = Field(description="cells by state")
     columns: int
     baseline: int | None = Field(description="number of the cell that others are compared with")
+    pinned: bool = Field(description="kept whatever its age")
     created: datetime
     finished: datetime | None
     after: list[str] = Field(description="jobs and sweeps that must succeed first")
@@ -424,6 +427,7 @@ class SweepView(BaseModel):
             counts=sweep.counts,
             columns=sweep.columns,
             baseline=sweep.baseline,
+            pinned=sweep.pinned,
             created=_time(sweep.created),
             finished=_time_or_none(sweep.finished),
             after=list(sweep.after),
@@ -474,6 +478,18 @@ class CheckView(BaseModel):
 
     ok: bool
     detail: str
+
+
+class CollectedView(BaseModel):
+    """What a collection removed, or would remove."""
+
+    dry_run: bool
+    jobs: int
+    sweeps: int
+    films: int
+    film_bytes: int
+    files: int = Field(description="that nobody names")
+    file_bytes: int
 
 
 class ReadyView(BaseModel):

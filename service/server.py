@@ -255,7 +255,9 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 children=settings.children,
                 threads_per_child=settings.threads_per_child,
                 database_url=settings.database_url,
+                artifacts_url=settings.artifacts_url,
                 min_free_bytes=settings.min_free_bytes,
+                rules=settings.rules(),
             )
         )
         log_path = open_log(settings.data, settings.log_level)

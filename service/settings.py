@@ -16,12 +16,15 @@ import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import platformdirs
 from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_validator
 
 from matiere.errors import MatiereError
+
+if TYPE_CHECKING:
+    from matiere.jobs.rules import Rules
 
 ENVIRONMENT_PREFIX = "MATIERE_"
 SYSTEM_CONFIG = Path("/etc/matiere/config.toml")
@@ -59,6 +62,16 @@ class Settings(BaseModel):
     )
     threads_per_child: int = Field(1, ge=1, le=1024, description="render threads of each process")
     database_url: str | None = Field(None, description="job store; none: SQLite below `data`")
+    artifacts_url: str | None = Field(
+        None, description="object store of results (s3://bucket/prefix); none: below `data`"
+    )
+    result_days: float = Field(30.0, gt=0, description="days that results are kept")
+    film_bytes: int | None = Field(
+        None, ge=0, description="space for stored films; none: 50 GB or half the free disk"
+    )
+    gc_grace_hours: float = Field(
+        24.0, ge=0, description="age from which a file that nobody names is removed, in hours"
+    )
     max_body_bytes: int = Field(
         8 * 2**20, ge=2**10, le=2**30, description="largest JSON body in bytes"
     )
@@ -66,7 +79,7 @@ class Settings(BaseModel):
         2 * 2**30, ge=2**10, le=2**40, description="largest uploaded asset in bytes"
     )
     min_free_bytes: int = Field(
-        512 * 2**20, ge=0, description="free disk space below which no new work is taken, in bytes"
+        2 * 10**9, ge=0, description="free disk space below which no new work is taken, in bytes"
     )
     body_timeout_s: float = Field(
         30.0, gt=0, le=3600, description="longest pause within a request body, in seconds"
@@ -77,6 +90,12 @@ class Settings(BaseModel):
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="least severe line written to the log"
     )
+
+    def rules(self) -> Rules:
+        """Return how long things are kept."""
+        from matiere.jobs.rules import Rules
+
+        return Rules(self.result_days, self.film_bytes, self.gc_grace_hours)
 
     @field_validator("data")
     @classmethod

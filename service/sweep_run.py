@@ -110,7 +110,9 @@ def own_service(settings: Settings) -> Iterator[Client]:
                 children=settings.children,
                 threads_per_child=settings.threads_per_child,
                 database_url=settings.database_url,
+                artifacts_url=settings.artifacts_url,
                 min_free_bytes=settings.min_free_bytes,
+                rules=settings.rules(),
             )
         )
         open_log(settings.data, settings.log_level)

@@ -41,10 +41,11 @@ def _translate(error: sa.exc.DBAPIError) -> StoreError:
 class Database:
     """The open store. `write` and `read` take a function of a connection and return its result."""
 
-    def __init__(self, path: Path | None, url: str | None = None) -> None:
+    def __init__(self, path: Path | None, url: str | None = None, *, migrate: bool = True) -> None:
         """Open (and create) `path` with SQLite, or a PostgreSQL database by `url`."""
         self.path = path
         self.on_commit: Callable[[], None] | None = None  # called in the writer thread
+        self.has_file: Callable[[str, int], bool] | None = None  # see `files.add_references`
         self.shared = url is not None  # other processes may write too
         self._leads = False
         if url is not None:
@@ -64,7 +65,8 @@ class Database:
         try:
             if not self.shared:
                 self.write(lambda c: sqlite.check_sqlite(c, self.path))
-            self._migrate()
+            if migrate:
+                self._migrate()
         except BaseException:
             self.close()
             raise
@@ -91,6 +93,7 @@ class Database:
             action, future = task
             try:
                 with self._writer.begin() as connection:
+                    connection.info["has_file"] = self.has_file
                     result = action(connection)
                 future.set_result(result)
                 if self.on_commit is not None:
@@ -164,6 +167,14 @@ class Database:
         if current is not None and self.path is not None:
             sqlite.backup_sqlite(self.path, self.path.with_suffix(f".{current}.backup"))
         self.write(upgrade)
+
+    def size(self) -> int:
+        """Return the bytes the store takes, its log included."""
+        if self.path is None:
+            text = "SELECT pg_database_size(current_database())"
+            return int(self.read(lambda c: c.exec_driver_sql(text).scalar_one()))
+        files = (self.path, self.path.with_name(self.path.name + "-wal"))
+        return sum(file.stat().st_size for file in files if file.exists())
 
     def check(self) -> None:
         """Do one harmless write transaction; raise StoreError if it fails."""

@@ -1,8 +1,10 @@
 """Rows of artifacts and who needs them. A file goes when nobody refers to it any more.
 
 Removal has three steps, so that a crash at any point leaves nothing wrong: the row is marked
-`deleting` in the transaction that drops the last reference, the file is unlinked after the commit,
-the row is dropped. `pending_deletions` at start repeats what a crash cut.
+`deleting`, the file is unlinked, the row is dropped (`garbage.unlink_marked`, which repeats what a
+crash cut). Chunk files and replaced films are marked in the transaction that drops their last
+reference; other files wait for the collector, which spares young ones. A reference to a file
+without a row, or that is being deleted, is refused unless the file is there.
 """
 
 from __future__ import annotations
@@ -14,7 +16,17 @@ from dataclasses import dataclass
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
+from matiere.jobs.errors import JobsError
 from matiere.jobs.store.tables import artifact, reference
+
+# Owners of results. What only they named waits for the collector; samples go at once.
+LASTING = ("job", "sweep")
+
+
+class FileGone(JobsError):
+    """A file that was to be recorded is not there any more: it must be made again."""
+
+    default_code = "file_missing"
 
 
 @dataclass(frozen=True)
@@ -35,6 +47,10 @@ def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str,
     sizes = {blob.digest: blob.size for blob in blobs.values()}
     mine = artifact.c.digest.in_(list(sizes))
     states = {r.digest: r.state for r in c.execute(sa.select(artifact).where(mine))}
+    present = c.info.get("has_file")
+    for digest, size in sizes.items():
+        if present is not None and states.get(digest) != "live" and not present(digest, size):
+            raise FileGone(f"artifact {digest} was deleted meanwhile")
     if "deleting" in states.values():
         c.execute(sa.update(artifact).where(mine).values(state="live"))
     row = {"state": "live", "created": time.time()}
@@ -48,24 +64,30 @@ def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str,
     line = {"owner": owner[0], "owner_id": str(owner[1])}
     rows = [line | {"kind": kind, "digest": blob.digest} for kind, blob in blobs.items()]
     c.execute(sa.insert(reference), rows)
-    mark_unreferenced(c, set(held.values()) - set(sizes))
+    if owner[0] not in LASTING:
+        mark_unreferenced(c, set(held.values()) - set(sizes))
 
 
 def drop_reference(c: Connection, owner: tuple[str, object], kind: str | None = None) -> None:
-    """Forget what `owner` refers to (one kind or all); mark files nobody needs as `deleting`."""
-    mine = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
-    if kind is not None:
-        mine &= reference.c.kind == kind
-    digests = c.execute(sa.delete(reference).where(mine).returning(reference.c.digest)).scalars()
-    mark_unreferenced(c, digests.all())
+    """Forget what `owner` refers to: one kind or all."""
+    drop_references(c, owner[0], [str(owner[1])], kind)
 
 
 def drop_attempts(c: Connection, tokens: Iterable[int]) -> None:
     """Forget the chunk files of attempts."""
-    names = [str(token) for token in tokens]
-    mine = (reference.c.owner == "attempt") & reference.c.owner_id.in_(names)
-    digests = c.execute(sa.delete(reference).where(mine).returning(reference.c.digest)).scalars()
-    mark_unreferenced(c, digests.all())
+    drop_references(c, "attempt", [str(token) for token in tokens])
+
+
+def drop_references(
+    c: Connection, owner: str, owner_ids: Sequence[str], kind: str | None = None
+) -> None:
+    """Forget what several owners refer to; mark samples that nobody needs as `deleting`."""
+    mine = (reference.c.owner == owner) & reference.c.owner_id.in_(owner_ids)
+    if kind is not None:
+        mine &= reference.c.kind == kind
+    dropped = sa.delete(reference).where(mine).returning(reference.c.digest, reference.c.kind)
+    gone = c.execute(dropped).all()
+    mark_unreferenced(c, [digest for digest, k in gone if owner not in LASTING or k == "film"])
 
 
 def discard(c: Connection, blobs: Iterable[Blob]) -> None:
@@ -88,15 +110,6 @@ def pending_deletions(c: Connection, limit: int = 1000) -> list[str]:
     """Return digests whose files may be unlinked."""
     rows = sa.select(artifact.c.digest).where(artifact.c.state == "deleting").limit(limit)
     return list(c.execute(rows).scalars())
-
-
-def forget_deleted(c: Connection, digests: Iterable[str]) -> None:
-    """Drop the rows of unlinked files."""
-    c.execute(
-        sa.delete(artifact).where(
-            artifact.c.digest.in_(list(digests)), artifact.c.state == "deleting"
-        )
-    )
 
 
 def unknown(c: Connection, digests: Sequence[str]) -> list[str]:

@@ -178,6 +178,7 @@ def _find_or_add_film(c: Connection, spec: FilmSpec) -> tuple[int, int]:
         )
     ).first()
     if row is not None:
+        c.execute(sa.update(film).where(film.c.id == row.id).values(used=time.time()))
         if row.state == "failed":  # asked for again: the attempts start over
             reopen_film(c, row.id)
         return row.id, row.prefix_spp
@@ -193,6 +194,7 @@ def _find_or_add_film(c: Connection, spec: FilmSpec) -> tuple[int, int]:
             replicates=spec.replicates,
             state="open",
             created=time.time(),
+            used=time.time(),
         )
         .returning(film.c.id)
     )
@@ -389,6 +391,8 @@ def end_job(c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob) 
         )
     )
     add_reference(c, ("job", job_id), "film", prefix)
+    mine = sa.select(job.c.film_id).where(job.c.id == job_id).scalar_subquery()
+    c.execute(sa.update(film).where(film.c.id == mine).values(used=time.time()))
 
 
 def finish_job(

@@ -19,6 +19,7 @@ from sqlalchemy import (
     String,
     Table,
     Text,
+    false,
 )
 
 metadata = MetaData(
@@ -55,6 +56,8 @@ film = Table(
     Column("chunks_rendered", BigInteger, nullable=False, default=0),  # accepted completions
     Column("reports_superseded", Integer, nullable=False, default=0),
     Column("created", Float, nullable=False),
+    Column("used", Float, nullable=False, server_default="0"),  # the longest unused goes first
+    Index("ix_film_used", "used"),
 )
 
 sweep = Table(
@@ -71,6 +74,7 @@ sweep = Table(
     Column("created", Float, nullable=False),
     Column("finished", Float),
     Column("blockers", Integer, nullable=False, server_default="0"),  # as `job.blockers`
+    Column("pinned", Boolean, nullable=False, server_default=false()),
 )
 
 job = Table(
@@ -111,6 +115,8 @@ job = Table(
     Column("attempt", Integer, nullable=False, server_default="1"),  # rises with every requeue
     Index("ix_job_queue", "state", "rank", "id"),
     Index("ix_job_deadline", "deadline"),
+    Column("pinned", Boolean, nullable=False, server_default=false()),  # kept whatever its age
+    Index("ix_job_finished", "finished"),
     Index("ix_job_sweep", "sweep_id", "cell"),
 )
 

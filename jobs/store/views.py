@@ -178,6 +178,7 @@ def _job(
         waiting_for=r.blockers,
         attempt=r.attempt,
         history=history,
+        pinned=bool(r.pinned),
     )
 
 
@@ -222,6 +223,7 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
             artifacts=tuple(k for k in kinds.get(r.id, []) if not k.startswith("night-")),
             after=needs.get(r.id, ()),
             waiting_for=r.blockers,
+            pinned=bool(r.pinned),
         )
         for r in rows
     ]

@@ -238,11 +238,11 @@ def test_a_failed_transaction_leaves_nothing(db: Database) -> None:
 
 
 def test_shared_files_stay_while_anyone_refers_to_them(db: Database) -> None:
-    db.write(lambda c: files.add_reference(c, ("job", "x"), "image.png", blob(1)))
-    db.write(lambda c: files.add_reference(c, ("job", "y"), "image.png", blob(1)))
-    db.write(lambda c: files.drop_reference(c, ("job", "x")))
+    db.write(lambda c: files.add_reference(c, ("film", 1), "prefix", blob(1)))
+    db.write(lambda c: files.add_reference(c, ("film", 2), "prefix", blob(1)))
+    db.write(lambda c: files.drop_reference(c, ("film", 1)))
     assert db.read(files.pending_deletions) == []
-    db.write(lambda c: files.drop_reference(c, ("job", "y")))
+    db.write(lambda c: files.drop_reference(c, ("film", 2)))
     assert db.read(files.pending_deletions) == [blob(1).digest]
     db.write(lambda c: files.add_reference(c, ("job", "z"), "image.png", blob(1)))
     assert db.read(files.pending_deletions) == [], "wanted again before it was unlinked"

@@ -1,0 +1,286 @@
+"""What is kept and for how long: usage, retention, garbage collection, pins.
+
+A `Storage` works on an open store, in a service or in a command of its own. The collector runs in
+the process that schedules, in short transactions, so that submissions never wait for it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import itertools
+import logging
+import os
+import shutil
+import threading
+import time
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+
+from matiere.jobs.datadir import DataDir
+from matiere.jobs.errors import Busy, JobsError
+from matiere.jobs.job import JsonDict
+from matiere.jobs.rules import Rules
+from matiere.jobs.store import files, garbage
+from matiere.jobs.store.database import Database
+
+log = logging.getLogger("matiere.jobs.storage")
+
+DAY_S = 86400.0
+MOST_FILM_BYTES = 50 * 10**9
+SLICE = 200  # rows or files of one transaction
+COLLECT_EVERY_S = 600.0
+RECENT_S = 60.0  # a film of use a moment ago is never evicted
+HOLD_WAIT_S = 30.0
+
+
+@dataclass
+class Collected:
+    """What a collection removed, or would remove."""
+
+    dry_run: bool = False
+    jobs: int = 0
+    sweeps: int = 0
+    films: int = 0
+    film_bytes: int = 0
+    files: int = 0
+    file_bytes: int = 0
+
+    @property
+    def anything(self) -> bool:
+        """Tell whether there was anything to remove."""
+        return bool(self.jobs or self.sweeps or self.films or self.files)
+
+
+class Storage:
+    """Usage, retention and garbage of one data directory and its store."""
+
+    def __init__(
+        self,
+        data: DataDir,
+        database: Database,
+        rules: Rules,
+        clock: Callable[[], float] = time.time,
+    ) -> None:
+        """Serve an open store; `clock` gives Unix seconds."""
+        self._data, self._db, self.rules, self._clock = data, database, rules, clock
+        self._busy, self._unlinking = threading.Lock(), threading.Lock()
+
+    # -- usage --------------------------------------------------------------------------------
+    def usage(self) -> JsonDict:
+        """Return bytes and files by what they are for, the limits, and the free disk."""
+        root = self._data.root
+        return {
+            "data_dir": str(root),
+            "store_bytes": self._db.size(),
+            "artifacts": self._db.read(garbage.usage),
+            "asset_bytes": _tree_bytes(self._data.assets),
+            "log_bytes": _tree_bytes(self._data.logs),
+            "film_limit_bytes": self.film_limit(),
+            "disk_free_bytes": shutil.disk_usage(root).free,
+            "result_days": self.rules.result_days,
+        }
+
+    def film_limit(self) -> int:
+        """Return the bytes that films may take: what is set, or 50 GB or half the free disk."""
+        if self.rules.film_bytes is not None:
+            return self.rules.film_bytes
+        held = self._db.read(garbage.film_bytes)
+        return min(MOST_FILM_BYTES, (shutil.disk_usage(self._data.root).free + held) // 2)
+
+    def pin(self, name: str, pinned: bool) -> str:
+        """Keep a job or a sweep whatever its age (or no more); return which it is."""
+        return self._db.write(lambda c: garbage.pin(c, name, pinned))
+
+    # -- collecting ---------------------------------------------------------------------------
+    def collect(self, *, dry_run: bool = False) -> Collected:
+        """Remove old results, films beyond the limit and files nobody names; tell what went.
+
+        Raises `Busy` while another collection runs.
+        """
+        if not self._busy.acquire(blocking=False):
+            raise Busy("a collection is running", code="busy")
+        try:
+            if not dry_run and not (self._db.leads or self._db.lead()):
+                raise Busy("another service on this database schedules and collects", code="busy")
+            return self._foresee() if dry_run else self._collect()
+        finally:
+            self._busy.release()
+
+    def _before(self) -> tuple[float, float]:
+        now = self._clock()
+        return now - self.rules.result_days * DAY_S, now - self.rules.grace_hours * 3600.0
+
+    def _foresee(self) -> Collected:
+        old, unnamed = self._before()
+        found = Collected(dry_run=True)
+        everything = 10**9
+        found.jobs = len(self._db.read(lambda c: garbage.old_jobs(c, old, everything)))
+        found.sweeps = len(self._db.read(lambda c: garbage.old_sweeps(c, old, everything)))
+        for film in self._beyond_limit():
+            found.films += 1
+            found.film_bytes += film.size
+        found.files, found.file_bytes = self._db.read(lambda c: garbage.unnamed_files(c, unnamed))
+        return found
+
+    def _collect(self) -> Collected:
+        old, unnamed = self._before()
+        found = Collected()
+        while names := self._db.read(lambda c: garbage.old_jobs(c, old, SLICE)):
+            found.jobs += self._db.write(lambda c, n=names: garbage.remove_jobs(c, n, old))  # type: ignore[misc]
+        for name in self._db.read(lambda c: garbage.old_sweeps(c, old, 10**6)):
+            gone = 0
+            while self._db.write(lambda c, n=name: garbage.remove_cells(c, n, old, SLICE)):  # type: ignore[misc]
+                gone = 1
+            found.sweeps += gone
+        for film in self._beyond_limit():
+            if self._db.write(lambda c, i=film.id: garbage.evict_films(c, [i])):  # type: ignore[misc]
+                found.films += 1
+                found.film_bytes += film.size
+        while self._db.write(lambda c: garbage.remove_empty_films(c, SLICE)):
+            pass
+        found.files, found.file_bytes = self._db.read(lambda c: garbage.unnamed_files(c, unnamed))
+        while self._db.write(lambda c: garbage.mark_unnamed(c, unnamed, SLICE)):
+            pass
+        self.unlink()
+        if found.anything:
+            log.info("collected %s", asdict(found))
+        return found
+
+    def _beyond_limit(self) -> list[garbage.ColdFilm]:
+        """Return the films to evict, the longest unused first."""
+        excess = self._db.read(garbage.film_bytes) - self.film_limit()
+        chosen: list[garbage.ColdFilm] = []
+        if excess <= 0:
+            return chosen
+        latest = self._clock() - RECENT_S
+        for film in self._db.read(lambda c: garbage.cold_films(c, 10**6)):
+            if excess <= 0 or film.used > latest:
+                break
+            chosen.append(film)
+            excess -= film.size
+        return chosen
+
+    def unlink(self) -> int:
+        """Unlink files that are marked, unless a backup holds them; return how many."""
+        count = 0
+        with self._unlinking, holding(self._data.root, exclusive=True) as held:
+            if not held:
+                return 0
+            remove = self._data.artifacts.remove_all
+            while gone := self._db.write(lambda c: garbage.unlink_marked(c, remove, SLICE)):
+                count += gone
+        return count
+
+    def remove_strangers(self, before: float, stopped: Callable[[], bool]) -> int:
+        """Unlink files older than `before` that no row knows: their makers were killed."""
+        folder, count = self._data.artifacts, 0
+        old = folder.written_before(before)
+        while not stopped() and (batch := list(itertools.islice(old, SLICE))):
+            if not self._db.read(lambda c, b=batch: files.unknown(c, b)):  # type: ignore[misc]
+                continue
+
+            def drop(c: object, batch: Sequence[str] = batch) -> int:
+                strangers = files.unknown(c, batch)  # type: ignore[arg-type]
+                folder.remove_all(strangers)
+                return len(strangers)
+
+            with self._unlinking, holding(self._data.root, exclusive=True) as held:
+                count += self._db.write(drop) if held else 0
+        return count
+
+
+@contextlib.contextmanager
+def open_storage(
+    root: Path, rules: Rules, *, database_url: str | None = None, artifacts_url: str | None = None
+) -> Iterator[Storage]:
+    """Give the storage of a data directory that no service has open, without any child.
+
+    Raises DataDirLocked, and JobsError where nothing is served from.
+    """
+    if database_url is None and not (root / "store.sqlite").is_file():
+        raise JobsError(f"{root} is no data directory of matiere: it has no store.sqlite")
+    data = DataDir.open(root, artifacts_url)
+    try:
+        database = Database(None if database_url else data.store, database_url)
+        try:
+            database.has_file = data.artifacts.has
+            yield Storage(data, database, rules)
+        finally:
+            database.close()
+    finally:
+        data.close()
+
+
+@contextlib.contextmanager
+def holding(root: Path, *, exclusive: bool) -> Iterator[bool]:
+    """Keep files from being unlinked (shared: a backup), or be the one that unlinks (exclusive).
+
+    Gives whether the lock was had: who unlinks does not wait, a backup waits for half a minute.
+    The kernel drops the lock of a process that dies.
+    """
+    fd = os.open(root / "hold", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
+    end = time.monotonic() + (0.0 if exclusive else HOLD_WAIT_S)
+    try:
+        while True:
+            try:
+                fcntl.flock(fd, (fcntl.LOCK_EX if exclusive else fcntl.LOCK_SH) | fcntl.LOCK_NB)
+            except BlockingIOError:
+                if time.monotonic() > end:
+                    yield False
+                    return
+                time.sleep(0.05)
+            else:
+                yield True
+                return
+    finally:
+        os.close(fd)
+
+
+def _tree_bytes(folder: Path) -> int:
+    """Return the bytes of all files below a folder; hard links of one file count once."""
+    seen: dict[tuple[int, int], int] = {}
+    for place, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(OSError):
+                facts = Path(place, name).lstat()
+                seen[facts.st_dev, facts.st_ino] = facts.st_size
+    return sum(seen.values())
+
+
+class Janitor(threading.Thread):
+    """Collects now and then in the process that schedules, and at once when the disk is low."""
+
+    def __init__(self, storage: Storage, leads: Callable[[], bool]) -> None:
+        """Prepare; `leads` tells whether this process schedules."""
+        super().__init__(name="matiere-janitor", daemon=True)
+        self._storage, self._leads = storage, leads
+        self._wanted, self._ended = threading.Event(), threading.Event()
+        self._begun = time.time()
+
+    def hurry(self) -> None:
+        """Collect now: the disk is low."""
+        self._wanted.set()
+
+    def end(self) -> None:
+        """Stop after the transaction at hand."""
+        self._ended.set()
+        self._wanted.set()
+
+    def run(self) -> None:
+        """Remove what killed children left, then collect again and again."""
+        self._try(lambda: self._storage.remove_strangers(self._begun, self._ended.is_set))
+        while not self._ended.is_set():
+            self._wanted.wait(COLLECT_EVERY_S)
+            self._wanted.clear()
+            if not self._ended.is_set() and self._leads():
+                self._try(self._storage.collect)
+                self._ended.wait(1.0)  # a disk that stays low asks again and again
+
+    def _try(self, action: Callable[[], object]) -> None:
+        try:
+            action()
+        except (JobsError, OSError):
+            if not self._ended.is_set():
+                log.warning("could not collect; trying again later", exc_info=True)
