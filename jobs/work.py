@@ -25,7 +25,6 @@ if TYPE_CHECKING:
 
 OPEN_ENDED_SPP = 2**20
 STOP_KEYS = ("spp", "seconds", "target_error")
-INTERVAL = "95 %"
 
 
 # -- submission (in the service) ----------------------------------------------------------------
@@ -301,39 +300,6 @@ def _image(film: Film, suffix: str, **options: Any) -> bytes:
 
 def make_sheet(cells: Sequence[Mapping[str, Any]], request: JsonDict) -> bytes:
     """Return the contact sheet of a sweep as PNG bytes."""
-    from matiere import contact_sheet
+    from matiere.jobs.sheet import draw
 
-    axes, columns = request["axes"], request["columns"]
-    heads: dict[str, Any] = {}
-    if (
-        request["mode"] == "grid"
-        and len(axes) == 2
-        and columns == len(axes[1]["values"])
-        and (len(cells) == columns * len(axes[0]["values"]))
-    ):
-        rows, across = axes
-        heads["column_headers"] = [f"{across['label']} {text}" for text in across["labels"]]
-        heads["row_headers"] = [f"{rows['label']} {text}" for text in rows["labels"]]
-    shown = [
-        {
-            "image": cell["image"],
-            "label": cell["label"],
-            "sublabel": _caption(cell),
-        }
-        for cell in cells
-    ]
-    title = request["title"] or f"Sweep of {len(cells)} cells"
-    legend = f"relMSE: estimated relative mean squared error with its {INTERVAL} interval"
-    return contact_sheet.make(shown, columns, title, legend=legend, **heads)
-
-
-def _caption(cell: Mapping[str, Any]) -> str:
-    if cell["state"] != "succeeded":
-        return str(cell["state"])
-    error = "relMSE unknown"
-    if cell["relmse"] is not None:
-        error = f"relMSE {cell['relmse']:.2g}"
-        if cell["interval"]:
-            error += f" ({cell['interval'][0]:.2g} to {cell['interval'][1]:.2g})"
-    seconds = cell["seconds"]
-    return f"{error}\n{cell['spp']} spp, {seconds:.{1 if seconds < 10 else 0}f} s"
+    return draw(cells, request)

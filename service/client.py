@@ -107,6 +107,7 @@ class SweepStatus(_View):
     id: str
     state: str
     label: str = ""
+    mode: str = "grid"
     axes: list[dict[str, Any]]
     cells: int
     counts: dict[str, int]
@@ -417,6 +418,23 @@ class Client:
         """Return the report of a job."""
         report: dict[str, Any] = self._request("GET", f"/v1/jobs/{job_id}/report").json()
         return report
+
+    def check(self, material: Mapping[str, Any]) -> str:
+        """Return the stability verdict of a material: pass, warn or fail (docs/check.md).
+
+        Waits for its turn, as the service tests one material at a time. Raises `ServiceError` 422
+        for one that cannot be tested, `too_many_checks` for one that takes too long.
+        """
+        for pause in _pauses(self.patience_s):
+            try:
+                answer = self._request("POST", "/v1/checks", json={"material": dict(material)})
+                return str(answer.json()["verdict"])
+            except ServiceError as error:
+                if error.code != "too_many_checks":
+                    raise
+                last = error
+            time.sleep(pause)
+        raise last
 
     def ready(self) -> bool:
         """Tell whether the service takes and does work."""

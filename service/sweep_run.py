@@ -9,7 +9,7 @@ from __future__ import annotations
 import contextlib
 import statistics
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 
 import typer
@@ -27,10 +27,14 @@ from matiere.service.console import (
 )
 from matiere.service.lockfile import read_announcement
 from matiere.service.settings import Settings, resolve
-from matiere.service.sweep_output import OutputFolder
+from matiere.service.sweep_check import verdicts
+from matiere.service.sweep_output import CELL_FILES, OutputFolder
+from matiere.service.sweep_table import check_parquet
 from matiere.service.sweepfile import LoadedSweep, load_sweep
 
 POLL_S = 0.5
+MOST_FETCHED = 1000  # cells of which every file is brought without being asked for
+FETCHED = {"all": tuple(CELL_FILES), "images": (".png",), "reports": (".json",), "none": ()}
 MAX_LISTED = 3000  # cells up to which every poll lists them all
 SHOWN_FAILURES = 10
 
@@ -42,10 +46,19 @@ def run_sweep(
     url: str | None = None,
     data: Path | None = None,
     children: int | None = None,
+    fetch: str = "auto",
+    parquet: bool = False,
+    check: bool = False,
 ) -> int:
-    """Render a sweep into `output`; return the number of cells that did not succeed."""
+    """Render a sweep into `output`; return the number of cells that did not succeed.
+
+    `fetch` says which files of cells to bring: a key of FETCHED, or "auto". With `check` the
+    materials of every cell are tested too.
+    """
     with worded(sweep_file):
         sweep = load_sweep(sweep_file)
+    if parquet:
+        check_parquet()
     check_writable(output / "table.csv")
     settings = resolve({"data": data, "children": children}).settings
     with open_client(url, settings) as (client, own):
@@ -54,12 +67,15 @@ def run_sweep(
             status = _attach(client, folder, sweep)
         where = "this process" if own else client.url
         typer.echo(f"{sweep.label}: {status.cells} cells, rendered by {where}", err=True)
+        endings = FETCHED[_chosen(fetch, status.cells, output)]
         try:
-            status, jobs = _follow(client, folder, status, sweep.label)
+            status, jobs = _follow(client, folder, status, sweep.label, endings)
+            stability = verdicts(client, sweep.plan, jobs) if check else {}
         except KeyboardInterrupt:
             typer.echo(_farewell(client, status, own), err=True)
             raise typer.Exit(130) from None
-        for path in folder.finish(client, status, jobs):
+        wrote = folder.finish(client, status, jobs, parquet=parquet, stability=stability)
+        for path in wrote:
             typer.echo(f"wrote {path}")
     failed = [job for job in jobs if job.state != "succeeded"]
     for job in failed[:SHOWN_FAILURES]:
@@ -67,6 +83,19 @@ def run_sweep(
     if len(failed) > SHOWN_FAILURES:
         typer.echo(f"... and {len(failed) - SHOWN_FAILURES} more; see table.csv", err=True)
     return len(failed)
+
+
+def _chosen(fetch: str, cells: int, output: Path) -> str:
+    if fetch != "auto":
+        return fetch
+    if cells <= MOST_FETCHED:
+        return "all"
+    typer.echo(
+        f"{cells:,} cells: their images stay in the store; bring some with\n"
+        f"  matiere fetch {output} --where 'relmse > 0.01'   (or --fetch all with this command)",
+        err=True,
+    )
+    return "none"
 
 
 def _farewell(client: Client, status: SweepStatus, own: bool) -> str:
@@ -158,7 +187,11 @@ def submit(client: Client, sweep: LoadedSweep, key: str | None = None) -> SweepS
 
 
 def _follow(
-    client: Client, folder: OutputFolder, status: SweepStatus, label: str
+    client: Client,
+    folder: OutputFolder,
+    status: SweepStatus,
+    label: str,
+    endings: Sequence[str],
 ) -> tuple[SweepStatus, list[JobStatus]]:
     """Show progress and fetch each cell as it ends; return the sweep and all its cells."""
     remaining = Remaining()
@@ -168,8 +201,8 @@ def _follow(
             if status.cells <= MAX_LISTED or status.ended:
                 jobs = list(client.jobs(sweep=status.id))
                 for job in jobs:
-                    if job.state == "succeeded" and not folder.has(job):
-                        folder.fetch(client, job)
+                    if endings and job.state == "succeeded" and not folder.has(job, endings):
+                        folder.fetch(client, job, endings)
                 share = sum(job.progress for job in jobs) / max(len(jobs), 1)
             else:
                 jobs = []

@@ -14,7 +14,7 @@ import rfc8785
 from pydantic import ConfigDict, Field, ValidationError
 
 from matiere.errors import Fault, SceneValidationError, pointer
-from matiere.jobs.sweep import parse_sweep
+from matiere.jobs.sweep import SweepPlan, parse_sweep
 from matiere.scene import document
 from matiere.service.schemas import Label, SweepLanguage
 
@@ -47,6 +47,7 @@ class LoadedSweep:
     label: str
     priority: int | None
     root: Path  # folder of the base scene, where its files lie
+    plan: SweepPlan
     language: dict[str, Any] = field(default_factory=dict)  # beside axes and mode
 
     def digest(self, files: dict[str, tuple[str, Path]]) -> str:
@@ -82,7 +83,7 @@ def load_sweep(path: Path) -> LoadedSweep:
     render = base.get("render")
     base = {**base, "render": {**(render if isinstance(render, dict) else {}), **sweep.render}}
     language = sweep.language()
-    parse_sweep({"mode": sweep.mode, **language}, base)
+    plan = parse_sweep({"mode": sweep.mode, **language}, base)
     return LoadedSweep(
         base=base,
         axes=language.pop("axes", []),
@@ -91,6 +92,7 @@ def load_sweep(path: Path) -> LoadedSweep:
         label=sweep.label or path.stem,
         priority=sweep.priority,
         root=folder,
+        plan=plan,
         language=language,
     )
 

@@ -8,6 +8,7 @@ Drawn by hand so that a report costs no plotting library.
 
 from __future__ import annotations
 
+import itertools
 import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
@@ -31,6 +32,10 @@ WIDTH, HEIGHT = 760, 480
 LEFT, RIGHT, TOP, BOTTOM = 82, 24, 52, 62
 MAX_LEGEND = 16
 MAX_BANDS = 8  # beyond that the bands hide each other
+MAX_CURVES = 24  # beyond that one band stands for all curves
+MAX_DOTS = 1000
+CROWD_STEPS = 48  # of the band, evenly spaced in the logarithm of time
+FEWEST, FEWEST_SHARE = 3, 0.05  # curves at a time, without which the band has no say there
 
 
 @dataclass(frozen=True)
@@ -74,7 +79,9 @@ def error_plot(curves: Iterable[Curve], title: str = "error against run time") -
     """Return the SVG of relMSE against wall seconds; looks without a known error are left out.
 
     Bands are the 95 % prediction intervals; the dashed line falls as 1 / time, as independent
-    samples do. Raises ValueError if no look has a known error.
+    samples do. Of more than 24 curves it draws where they end, the spread of all of them (median,
+    middle half, 5 % to 95 %) and the one that ends with the largest error. Raises ValueError if no
+    look has a known error.
     """
     return draw_errors(curves, title).svg()
 
@@ -100,6 +107,8 @@ def draw_errors(curves: Iterable[Curve], title: str, goal: Goal | None = None) -
     if not known:
         raise ValueError("no look at the error is known, there is nothing to plot")
     points = [point for _, some in known for point in some]
+    if len(known) > MAX_CURVES:
+        return _crowd(known, points, title)
     ahead = _forecast(known[0][1][-1], goal)
     bands = len(known) <= MAX_BANDS
     x = _axis([p.seconds for p in points] + ahead[:1], LEFT, WIDTH - RIGHT)
@@ -114,6 +123,53 @@ def draw_errors(curves: Iterable[Curve], title: str, goal: Goal | None = None) -
         _goal(page, x, y, known[0][1][-1], goal, ahead)
     _legend(page, [name for name, _ in known], wide=any(p.any_time for p in points) and bands)
     return page
+
+
+def _crowd(known: Sequence[tuple[str, list[_Look]]], points: Sequence[_Look], title: str) -> Canvas:
+    """Draw many curves as one: the spread of errors at equal time, and where each curve ends."""
+    x = _axis([p.seconds for p in points], LEFT, WIDTH - RIGHT)
+    y = _axis([p.relmse for p in points], HEIGHT - BOTTOM, TOP)
+    page = Canvas(WIDTH, HEIGHT)
+    _frame(page, x, y, title, bands=False)
+    spread = _spread([looks for _, looks in known], x)
+    for outer, opacity in (((0, 4), 0.15), ((1, 3), 0.25)):
+        _band(page, x, y, [(t, q[outer[0]], q[outer[1]]) for t, q in spread], COLOURS[0], opacity)
+    _slope(page, x, y, points)
+    step = -(-len(known) // MAX_DOTS)
+    for _, looks in known[::step]:
+        page.dot((x.at(looks[-1].seconds), y.at(looks[-1].relmse)), "#7f8fa6", 1.6)
+    worst, looks = max(known, key=lambda curve: curve[1][-1].relmse)
+    _curve(page, x, y, looks, COLOURS[1], band=False)
+    entries = [(f"largest error: {worst}", COLOURS[1], 0), ("dots: ends of curves", "#7f8fa6", 0)]
+    if len(spread) > 1:
+        page.line([(x.at(t), y.at(q[2])) for t, q in spread], COLOURS[0], 2)
+        entries[:0] = [(f"median of {len(known):,}", COLOURS[0], 0),
+                       ("bands: middle half, 5 % to 95 %", "#bfd9ec", 0)]  # fmt: skip
+    if step > 1:
+        entries.append((f"every {step}th end is shown", "#ffffff", 0))
+    _key(page, [*entries, ("1 / time", "#888888", 5)])
+    return page
+
+
+def _spread(curves: Sequence[Sequence[_Look]], x: _Axis) -> list[tuple[float, list[float]]]:
+    """Return (seconds, quantiles 5, 25, 50, 75, 95 %) of the errors of all curves known then."""
+    found = []
+    for step in range(CROWD_STEPS + 1):
+        t = x.low * (x.high / x.low) ** (step / CROWD_STEPS)
+        values = sorted(v for looks in curves if (v := _error_at(looks, t)) is not None)
+        if len(values) >= max(FEWEST, FEWEST_SHARE * len(curves)):
+            last = len(values) - 1
+            found.append((t, [values[round(q * last)] for q in (0.05, 0.25, 0.5, 0.75, 0.95)]))
+    return found
+
+
+def _error_at(looks: Sequence[_Look], t: float) -> float | None:
+    """Return the error after `t` seconds on the straight lines between looks; None outside."""
+    for a, b in itertools.pairwise(looks):
+        if a.seconds <= t <= b.seconds and a.seconds < b.seconds:
+            share = math.log(t / a.seconds) / math.log(b.seconds / a.seconds)
+            return float(a.relmse * (b.relmse / a.relmse) ** share)
+    return None
 
 
 def write_error_plot(
@@ -248,7 +304,11 @@ def _legend(page: Canvas, names: Sequence[str], wide: bool) -> None:
         entries.append((f"and {len(names) - MAX_LEGEND} more", "#ffffff", 0))
     if wide:
         entries.append(("light band: all looks at once", "#ffffff", 0))
-    entries.append(("1 / time", "#888888", 5))
+    _key(page, [*entries, ("1 / time", "#888888", 5)])
+
+
+def _key(page: Canvas, entries: Sequence[tuple[str, str, int]]) -> None:
+    """Write what colours mean into the upper right corner: (text, colour, dash)."""
     width = 34 + 6.6 * max(len(name) for name, _, _ in entries)
     left, top = WIDTH - RIGHT - width - 6, TOP + 6
     bottom = top + 16 * len(entries) + 8

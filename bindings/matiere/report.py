@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from matiere.film import Film
 
 VERSION = 1
+LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # linear Rec.709
 # What ended a render, in words.
 REASONS = {
     "spp": "the samples per pixel asked for were reached",
@@ -63,6 +64,7 @@ def film_report(film: Film) -> dict[str, Any]:
         "threads": info.threads,
         "error": {**film.error, "standard_error": standard_error_summary(film)},
         "certificate": film.certificate(),
+        "image": image_statistics(film),
         "log": [dict(row) for row in info.log],
         "samples": samples,
         "rays": rays,
@@ -93,6 +95,19 @@ def picture_report(film: Film, despeckle: bool) -> dict[str, Any]:
         return {"despeckle": False}
     found = film.despeckled
     return {"despeckle": True, "pixels_changed": found.pixels, "energy_held_back": found.energy}
+
+
+def image_statistics(film: Film) -> dict[str, Any]:
+    """Return means of the linear image: `mean` R, G, B, `luminance`, `albedo` if it is there."""
+    light = film.mean @ LUMINANCE
+    albedo = film.aov("albedo").mean(axis=(0, 1)).tolist() if "albedo" in film.aovs else None
+    return {
+        "mean": film.mean.mean(axis=(0, 1)).tolist(),
+        "luminance": {
+            "mean": float(light.mean()), "min": float(light.min()), "max": float(light.max())
+        },
+        "albedo": albedo,
+    }  # fmt: skip
 
 
 def standard_error_summary(film: Film) -> dict[str, float | None]:

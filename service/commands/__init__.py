@@ -7,6 +7,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "render": ("render:render", "Render a scene to PNG, JPEG or EXR, with its error."),
     "replay": ("replay:replay", "Print the path of one sample in words: where a speck comes from."),
     "sweep": ("sweep:sweep", "Render every variant of a sweep and a contact sheet."),
+    "fetch": ("fetch:fetch", "Bring files of a job or of some cells of a sweep."),
     "check": ("check:check", "Test a material at its exact parameters: the stability report."),
     "compare": ("compare:compare", "Tell how two films or nights differ, and what is noise."),
     "night": ("night:night", "Export the night of a sweep, to compare it later."),

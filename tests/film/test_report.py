@@ -35,6 +35,13 @@ def test_the_report_is_plain_json(film: mt.Film) -> None:
     assert 0 < se["mean"] < se["p95"] < se["max"]
     assert report["log"][-1]["relmse"] == error["relmse"]
     assert report["versions"]["matiere"] == mt.__version__
+    image = report["image"]
+    assert image["mean"] == pytest.approx(film.mean.mean(axis=(0, 1)).tolist(), rel=1e-12)
+    light = image["luminance"]
+    r, g, b = image["mean"]
+    assert light["mean"] == pytest.approx(0.2126 * r + 0.7152 * g + 0.0722 * b, rel=1e-9)
+    assert light["min"] < light["mean"] < light["max"]
+    assert image["albedo"] is None, "no such layer was asked for"
 
 
 def test_the_text_names_what_matters(film: mt.Film) -> None:
@@ -75,7 +82,7 @@ def curve(n: int, start: float = 0.1) -> list[dict[str, Any]]:
     return [row(start * 2**i, 0.5 / 2**i) for i in range(n)]
 
 
-@pytest.mark.parametrize("count", [1, 2, 8, 30])
+@pytest.mark.parametrize("count", [1, 2, 8, 24])
 @pytest.mark.parametrize("looks", [1, 2, 20])
 def test_plots_are_valid_svg_inside_their_frame(count: int, looks: int) -> None:
     text = error_plot([(f"film <{i}> & co", curve(looks, 0.1 + i)) for i in range(count)])
@@ -103,3 +110,28 @@ def test_unknown_looks_are_left_out_of_the_plot(tmp_path: Path) -> None:
     path = tmp_path / "error.svg"
     write_error_plot(path, [("a", log)])
     assert len(ET.parse(path).getroot().findall(f"{SVG}circle")) == 3
+
+
+def test_many_curves_become_their_spread() -> None:
+    curves = [(f"cell {i}", curve(5, 0.1 * (1 + i / 100))) for i in range(60)]
+    text = error_plot([*curves, ("<worst>", curve(3, 50.0))])
+    root = ET.fromstring(text)
+    words = "".join(root.itertext())
+    assert "median of 61" in words and "largest error: <worst>" in words
+    assert "middle half" in words and "cell 7" not in words
+    assert text.count("<path") + text.count("<poly") + text.count("<line") < 200
+    few = "".join(ET.fromstring(error_plot(curves[:24])).itertext())
+    assert "cell 7" in few and "median" not in few
+    ends = error_plot([(name, log[-1:]) for name, log in curves])
+    assert "dots: ends of curves" in ends and "median" not in ends, "no curve has two looks"
+
+
+def test_the_spread_lies_between_the_curves() -> None:
+    from matiere.plot import _axis, _points, _spread
+
+    logs = [_points(curve(12, 0.1 * 2**i)) for i in range(-2, 3)]
+    times = [look.seconds for looks in logs for look in looks]
+    spread = [(t, q) for t, q in _spread(logs, _axis(times, 0, 100)) if 0.4 <= t <= 51]
+    assert len(spread) > 20
+    for t, q in spread:  # every curve is 0.5 * start / t; the starts are 0.1 times 1/4 to 4
+        assert q == pytest.approx([0.05 * 2.0**i / t for i in range(-2, 3)])
