@@ -144,9 +144,10 @@ def _pointers(
 def _labels(given: Any, texts: tuple[str, ...], at: str, faults: list[Fault]) -> tuple[str, ...]:
     if given is None:
         return texts
-    if not isinstance(given, Sequence) or not all(isinstance(t, str) for t in given):
+    if not isinstance(given, list | tuple) or not all(isinstance(t, str) for t in given):
         faults.append(Fault(f"{at}/labels", "wrong_type", "labels is a list of texts"))
-    elif len(given) != len(texts):
+        return texts
+    if len(given) != len(texts):
         why = f"one label per value: {len(texts)}, got {len(given)}"
         faults.append(Fault(f"{at}/labels", "wrong_length", why))
     return tuple(given)

@@ -5,9 +5,9 @@
     value      = number, 'text', true, false, null, name of an axis, + - * / of numbers
 
 A name with other than letters, digits and _ stands in backticks: `coat alpha`. Numbers that agree
-to nine digits are equal, so that 0.1 + 0.2 == 0.3. A parameter that a cell does not have is null;
-null is smaller, larger than nothing. Nothing of Python is reached: texts become closures over
-the operators of this file.
+to nine digits are equal, so that 0.1 + 0.2 == 0.3; whole numbers only if they are the same. A
+parameter that a cell does not have is null; null is smaller, larger than nothing. Nothing of Python
+is reached: texts become closures over the operators of this file.
 """
 
 from __future__ import annotations
@@ -222,10 +222,16 @@ def _is_number(value: Any) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool)
 
 
-def _equal(a: Any, b: Any) -> bool:
-    if _is_number(a) and _is_number(b):
-        return bool(a == b) or math.isclose(a, b, rel_tol=SAME, abs_tol=0.0)
-    return type(a) is type(b) and bool(a == b)
+def equal(a: Any, b: Any) -> bool:
+    """Tell whether two values are the same; whole numbers exactly, others to nine digits."""
+    if not (_is_number(a) and _is_number(b)):
+        return type(a) is type(b) and bool(a == b)
+    if a == b or (isinstance(a, int) and isinstance(b, int)):
+        return bool(a == b)
+    try:
+        return math.isclose(a, b, rel_tol=SAME, abs_tol=0.0)
+    except OverflowError:  # a whole number beyond all floats
+        return False
 
 
 def _ordered(sign: str) -> Callable[[Any, Any], bool]:
@@ -236,7 +242,7 @@ def _ordered(sign: str) -> Callable[[Any, Any], bool]:
             return False
         if not (_is_number(a) and _is_number(b)) and not (type(a) is type(b) is str):
             raise ConditionError(f"{_shown(a)} {sign} {_shown(b)}: only numbers have an order")
-        if _equal(a, b):
+        if equal(a, b):
             return not strict
         return bool(_ORDER[sign](a, b))
 
@@ -244,13 +250,13 @@ def _ordered(sign: str) -> Callable[[Any, Any], bool]:
 
 
 def _within(value: Any, choices: Any) -> bool:
-    return any(_equal(value, choice) for choice in choices)
+    return any(equal(value, choice) for choice in choices)
 
 
 _COMPARE: dict[str, Callable[[Any, Any], bool]] = {
     **{sign: _ordered(sign) for sign in _ORDER},
-    "==": _equal,
-    "!=": lambda a, b: not _equal(a, b),
+    "==": equal,
+    "!=": lambda a, b: not equal(a, b),
 }
 
 
@@ -290,4 +296,6 @@ def _calculation(sign: str, left: Node, right: Node) -> Node:
 
 
 def _shown(value: Any) -> str:
-    return f"{value:.6g}" if _is_number(value) else repr(value)
+    if not _is_number(value):
+        return repr(value)
+    return f"{value:.6g}" if abs(value) < 1e300 else "a number above 1e300"

@@ -14,7 +14,7 @@ from typing import Any
 
 from matiere.errors import Fault, SceneValidationError, pointer
 from matiere.jobs.axes import Axis, text_of
-from matiere.jobs.condition import Condition, ConditionError, parse_condition
+from matiere.jobs.condition import Condition, ConditionError, equal, parse_condition
 from matiere.jobs.job import JsonDict
 from matiere.jobs.pointers import copy_json, lies_in, set_value
 from matiere.jobs.sobol import Sobol
@@ -216,7 +216,7 @@ class SweepPlan:
         get = self._getter(self._raw(i))
         mine = self.parameters(i)
         return all(
-            name in mine and (_same(mine[name], value) or _same(get(name), value))
+            name in mine and (equal(mine[name], value) or equal(get(name), value))
             for name, value in wanted.items()
         )
 
@@ -385,10 +385,3 @@ def row_of(entry: Mapping[str, Any]) -> Row:
     """Return the cell of a list that an object with resolved axis labels stands for."""
     values = {key: value for key, value in entry.items() if key != "label"}
     return Row(values, entry.get("label"))
-
-
-def _same(a: Any, b: Any) -> bool:
-    numbers = all(isinstance(x, int | float) and not isinstance(x, bool) for x in (a, b))
-    if numbers:
-        return a == b or math.isclose(a, b, rel_tol=1e-9, abs_tol=0.0)
-    return type(a) is type(b) and bool(a == b)

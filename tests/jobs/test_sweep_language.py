@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import contextlib
 import itertools
 import json
 import math
+import random
 import tracemalloc
+from collections.abc import Iterator
 from typing import Any
 
 import pytest
@@ -81,7 +84,8 @@ def test_cells_that_break_a_condition_are_left_out_and_the_rest_numbered_anew() 
     assert [f.pointer for f in refused({"axes": [X], "where": ["alpha_x > 7"]})] == ["/where"]
 
 
-CELL: dict[str, Any] = {"a": 0.1, "b": 2, "metal": "Au", "on": True, "coat alpha": 3, "none": None}
+CELL: dict[str, Any] = {"a": 0.1, "b": 2, "metal": "Au", "on": True, "coat alpha": 3, "none": None,
+                        "big": 10**10, "huge": 10**400}  # fmt: skip
 
 
 @pytest.mark.parametrize(
@@ -97,6 +101,8 @@ CELL: dict[str, Any] = {"a": 0.1, "b": 2, "metal": "Au", "on": True, "coat alpha
         ("none + 1 == null", True), ("b == '2'", False), ("on == 1", False), ("metal < 'B'", True),
         ("b >= 1e0", True),
         ("on or a", True), ("a == 1 or b == 2 and a == 1", False), ("--b == 2", True),
+        ("big == 10000000001", False), ("big < 10000000001", True), ("huge > 1", True),
+        ("huge == 1.5", False),
     ],
 )  # fmt: skip
 def test_conditions_mean_what_they_say(text: str, holds: bool) -> None:
@@ -124,7 +130,7 @@ def test_what_is_no_condition_is_refused_in_words(text: Any, words: str) -> None
     [
         ("metal < 1", "only numbers have an order"), ("b", "neither true nor false"),
         ("metal * 2 == 1", "only numbers"), ("a / (b - 2) > 1", "divides by zero"),
-        ("b * 1e200 * 1e200 > 1", "too large"),
+        ("b * 1e200 * 1e200 > 1", "too large"), ("huge * 2 > 1", "too large"),
     ],
 )  # fmt: skip
 def test_what_makes_no_sense_for_a_cell_is_said(text: str, words: str) -> None:
@@ -150,7 +156,8 @@ def test_bad_conditions_point_at_their_place() -> None:
 
 # -- Sobol --------------------------------------------------------------------------------------
 def test_every_dimension_and_neighbouring_pair_of_the_sequence_is_stratified() -> None:
-    points = [Sobol(16, seed=9).point(i) for i in range(256)]
+    sequence = Sobol(16, seed=9)
+    points = [sequence.point(i) for i in range(256)]
     for d in range(16):
         assert sorted(int(p[d] * 256) for p in points) == list(range(256)), d
     boxes = {(int(p[0] * 16), int(p[1] * 16)) for p in points}
@@ -347,6 +354,47 @@ def test_a_hundred_thousand_cells_take_next_to_no_memory() -> None:
     assert "100,100 cells" in fault.message
     few = {"pointer": LIGHT, "values": list(range(51))}
     assert "at most 50" in refused({"axes": [few]}, max_cells=50)[0].message
+
+
+# -- hostile ------------------------------------------------------------------------------------
+JUNK: list[Any] = [
+    None, True, 0, -1, 3.5, 1e308, 10**400, "", "x", "/", "/a", "/lights/9", "/lights/-1", "~", [],
+    [1], [[]], {}, {"": 2}, "alpha_x <", "label", "list", "metals", [0, 1, 3], [1, "2", 3], [{}],
+    {"count": 5, "seed": 2}, {"count": True}, {"label": 3}, {"/": 1},
+]  # fmt: skip
+WORDS = ["where", "list", "label", "labels", "set", "sobol", "overrides", "uniform", "baseline"]
+
+
+def spots(value: Any) -> Iterator[tuple[Any, Any]]:
+    """Yield (container, key) of everything inside."""
+    for key in list(value) if isinstance(value, dict) else range(len(value)):
+        yield value, key
+        if isinstance(value[key], dict | list):
+            yield from spots(value[key])
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_no_request_gets_past_the_checks_or_through_them_with_another_error(seed: int) -> None:
+    rng = random.Random(seed)
+    good = 0
+    for _ in range(600):
+        raw = json.loads(json.dumps(rng.choice(SHAPES)))
+        for _ in range(rng.randint(1, 3)):
+            holder, key = rng.choice(list(spots(raw)) or [(raw, "axes")])
+            key = rng.choice(WORDS) if isinstance(holder, dict) and rng.random() < 0.2 else key
+            holder[key] = json.loads(json.dumps(rng.choice(JUNK)))
+        try:
+            plan = sweep.parse_sweep(raw, BASE)
+        except SceneValidationError:
+            continue
+        good += 1
+        assert plan.probes()
+        for i in (0, len(plan) - 1):
+            assert len(plan.place(i)) == len(plan.axes) and isinstance(plan.label(i), str)
+            with contextlib.suppress(SceneValidationError):  # a setting without a place
+                plan.scene(i)
+        assert len(sweep.SweepPlan.from_dict(plan.to_dict(), BASE)) == len(plan)
+    assert good > 20
 
 
 # -- through the queue --------------------------------------------------------------------------
