@@ -149,7 +149,7 @@ class OutputFolder:
             sheets=sheets,
             plot=plot,
             tables=tables,
-            files=files,
+            files={cell: mine for cell, mine in files.items() if mine},
         )
         self._write("index.html", html_of(page, rows))
         self.save_state()

@@ -137,10 +137,14 @@ def html_of(page: Page, rows: Sequence[Row]) -> str:
 
 
 def choose(rows: Sequence[Row], baseline: int | None) -> list[Row]:
-    """Return the rows to show: all, or baseline, failed cells and the largest errors, in order."""
+    """Return the rows to show, in order: all, or those that most want to be seen.
+
+    These are the baseline, cells that did not succeed, cells with an image in the folder, and the
+    largest errors.
+    """
     if len(rows) <= MOST_ROWS:
         return list(rows)
-    first = [r for r in rows if r["cell"] == baseline or r["state"] != "succeeded"]
+    first = [r for r in rows if r["cell"] == baseline or r["state"] != "succeeded" or r["image"]]
     known = sorted(rows, key=lambda r: -(r["relmse"] or 0.0))[:LARGEST_ERRORS]
     picked = {r["cell"]: r for r in [*first, *known][:MOST_ROWS]}
     return [r for r in rows if r["cell"] in picked]
@@ -181,15 +185,17 @@ def _pictures(page: Page) -> str:
             f'<a href="{quote(name)}">{n}</a>' for n, name in enumerate(page.sheets, 1)
         )
         more = f"<p>Contact sheet, pages {links}</p>"
-    return f'<h2>Error against time, and all images</h2><div class="pictures">{images}</div>{more}'
+    heads = ["Error against time" if page.plot else "", "contact sheet" if page.sheets else ""]
+    head = " and ".join(filter(None, heads)).capitalize()
+    return f'<h2>{head}</h2><div class="pictures">{images}</div>{more}'
 
 
 def _how_many(shown: int, rows: Sequence[Row], page: Page) -> str:
     words = ""
     if shown < len(rows):
         words = (
-            f"{shown:,} of {len(rows):,} cells: baseline, those that did not succeed and the "
-            "largest errors. All are in the table. "
+            f"{shown:,} of {len(rows):,} cells: baseline, those that did not succeed, those with "
+            "an image in this folder and the largest errors. All are in the table. "
         )
     words += "relMSE: estimated relative mean squared error with its 95 % interval."
     return f'<p class="soft">{words}</p>'
@@ -198,13 +204,13 @@ def _how_many(shown: int, rows: Sequence[Row], page: Page) -> str:
 def _table(page: Page, rows: Sequence[Row]) -> str:
     axes = [key for key in (rows[0] if rows else {}) if key not in FIXED]
     stable = any(row["stability"] for row in rows)
-    heads = ['<th data-fixed>image</th><th class="n">cell</th>']
+    heads = ["<th data-fixed>image</th>" if page.files else "", '<th class="n">cell</th>']
     numeric = {axis: all(_is_number(row[axis]) for row in rows) for axis in axes}
     heads += [f"<th{_n(numeric[axis])}>{escape(axis)}</th>" for axis in axes]
     heads.append('<th>state</th><th class="n">relMSE</th><th data-fixed>95 % interval</th>'
                  '<th class="n">seconds</th><th class="n">spp</th>')  # fmt: skip
     heads.append("<th>stability</th>" if stable else "")
-    heads.append("<th data-fixed>files</th>")
+    heads.append("<th data-fixed>files</th>" if page.files else "")
     body = "\n".join(_row(page, row, axes, numeric, stable) for row in rows)
     return (
         f'<div class="wide"><table><thead><tr>{"".join(heads)}</tr></thead>\n'
@@ -225,7 +231,7 @@ def _row(
     mine = row["cell"] == page.baseline
     about = "<br><small>baseline</small>" if mine else ""
     number_of = f'<td class="n" data-v="{row["cell"]}">{row["cell"]}{about}</td>'
-    cells = [f"<td>{picture}</td>", number_of]
+    cells = [f"<td>{picture}</td>" if page.files else "", number_of]
     cells += [_cell(row[axis], numeric[axis]) for axis in axes]
     state = escape(str(row["state"]))
     if row["error"]:
@@ -238,7 +244,7 @@ def _row(
     if stable:
         cells.append(f"<td>{escape(row['stability'] or '')}</td>")
     links = " ".join(f'<a href="{quote(name)}">{ending[1:]}</a>' for ending, name in files.items())
-    cells.append(f"<td>{links}</td>")
+    cells.append(f"<td>{links}</td>" if page.files else "")
     mark = ' class="baseline"' if mine else ""
     return f"<tr{mark}>{''.join(cells)}</tr>"
 
