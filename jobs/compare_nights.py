@@ -34,6 +34,7 @@ if TYPE_CHECKING:
 VERSION = 1
 CHANNELS = "RGB"
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # linear Rec.709
+BLOCK = 500  # cells that are tested together
 MAX_TABLE = 5000  # cells up to which the report holds a row for each
 
 
@@ -56,15 +57,11 @@ def compare_nights(a: Night, b: Night, options: Options | None = None) -> JsonDi
     """Compare night b with the earlier night a and return the report."""
     options = options or Options()
     rows_a, rows_b = a.keys(), b.keys()
-    tested, unlike = list[_Tested](), list[JsonDict]()
     engines: tuple[set[str], set[str]] = (set(), set())
-    for key, row in rows_b.items():
-        if key in rows_a:
-            found = _test(a, b, rows_a[key], row, engines)
-            if isinstance(found, _Tested):
-                tested.append(found)
-            elif found:
-                unlike.append(_name(row) | {"why": found})
+    both = [(rows_a[key], row) for key, row in rows_b.items() if key in rows_a]
+    tested, unlike = list[_Tested](), list[JsonDict]()
+    for first in range(0, len(both), BLOCK):
+        _test(a, b, both[first : first + BLOCK], engines, (tested, unlike))
     new = [_name(row) for key, row in rows_b.items() if key not in rows_a]
     missing = [_name(row) for key, row in rows_a.items() if key not in rows_b]
     failed = [_failure(row) for row in rows_b.values() if row["state"] != "succeeded"]
@@ -104,11 +101,28 @@ def compare_nights(a: Night, b: Night, options: Options | None = None) -> JsonDi
 
 
 def _test(
-    a: Night, b: Night, one: JsonDict, two: JsonDict, engines: tuple[set[str], set[str]]
-) -> _Tested | str | None:
-    """Test a cell; say why it cannot be, or None where its failure says enough."""
-    if two["state"] != "succeeded":
-        return None
+    a: Night, b: Night, rows: Sequence[tuple[JsonDict, JsonDict]],
+    engines: tuple[set[str], set[str]], results: tuple[list[_Tested], list[JsonDict]],
+) -> None:  # fmt: skip
+    """Test a block of cells; those that cannot be go to the second list, with the reason."""
+    good, pairs = list[tuple[JsonDict, JsonDict]](), list[statistics.Pair]()
+    for one, two in rows:
+        if two["state"] != "succeeded":
+            continue  # its failure says enough
+        found = _signatures(a, b, one, two)
+        if isinstance(found, str):
+            results[1].append(_name(two) | {"why": found})
+            continue
+        engines[0].add(found[0].engine)
+        engines[1].add(found[1].engine)
+        good.append((one, two))
+        pairs.append(found)
+    for (one, two), tests in zip(good, statistics.compare_many(pairs), strict=True):
+        results[0].append(_tested(one, two, tests))
+
+
+def _signatures(a: Night, b: Night, one: JsonDict, two: JsonDict) -> statistics.Pair | str:
+    """Return both signatures of a cell, or why it cannot be compared."""
     if one["state"] != "succeeded":
         return f"it {one['state']} in the earlier night"
     try:
@@ -118,11 +132,10 @@ def _test(
     if before is None or after is None:
         which = "earlier" if before is None else "later"
         return f"the {which} night has no signature of it: it was rendered by an older matiere"
-    engines[0].add(before.engine)
-    engines[1].add(after.engine)
-    if why := statistics.why_not(before, after):
-        return why
-    tests = statistics.compare_cells(before, after)
+    return statistics.why_not(before, after) or (before, after)
+
+
+def _tested(one: JsonDict, two: JsonDict, tests: CellTests) -> _Tested:
     same = tests.identical or not tests.error[0].any()
     error, dof = (tests.alone, tests.alone_dof) if same else (tests.error, tests.dof)
     base = tests.base @ LUMINANCE
@@ -218,12 +231,12 @@ def _detectable(
     level = options.significance / max(tests, 1)
     if not tested:
         return {"level": level, "image_percent": None, "tile_percent": None, "unknown": 0}, []
-    relative = [t.relative.astype(float) for t in tested]
-    regions = max(map(len, relative))
-    table = np.full((len(tested), regions), np.nan)
-    for row, t, values in zip(table, tested, relative, strict=True):
-        found = statistics.detectable(values, t.dof.astype(float), level, options.power)
-        row[: len(found)] = 100.0 * found
+    shape = len(tested), max(len(t.relative) for t in tested)
+    relative, dof = np.full(shape, np.nan), np.full(shape, np.nan)
+    for number, t in enumerate(tested):
+        relative[number, : len(t.relative)] = t.relative
+        dof[number, : len(t.dof)] = t.dof
+    table = 100.0 * statistics.detectable(relative, dof, level, options.power)
     image = table[:, 0]
     return {
         "level": level,

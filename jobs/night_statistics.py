@@ -21,8 +21,9 @@ and rare contributions.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,6 +32,7 @@ if TYPE_CHECKING:
     from matiere.signature import Signature
 
 Figures = NDArray[np.float64]
+Pair: TypeAlias = "tuple[Signature, Signature]"  # of one cell, earlier and later
 ROUNDING = 1e-6  # relative differences below are rounding, not change
 WORTH_A_SECOND_LOOK = 0.05  # p above: leaving out groups cannot matter
 
@@ -75,49 +77,71 @@ def why_not(a: Signature, b: Signature) -> str | None:
 
 def compare_cells(a: Signature, b: Signature) -> CellTests:
     """Test a cell of night b against the same cell of night a; `why_not` must be None."""
-    identical = a.digest == b.digest and a.replicates == b.replicates
-    shared = a.shared or b.shared
-    paired = bool(a.seeds) and a.seeds == b.seeds and a.means.shape == b.means.shape
-    whole, tiles = [_judge_region(a, b, image, shared, paired) for image in (True, False)]
-    joined = [np.concatenate(pair) for pair in zip(whole, tiles, strict=True)]
-    base, difference, error, dof, p, alone, alone_dof = joined
-    if identical:
-        p = np.ones_like(p)
-    return CellTests(base, difference, error, dof, p, alone, alone_dof, paired, identical, shared)
+    return compare_many([(a, b)])[0]
 
 
-def _judge_region(
-    a: Signature, b: Signature, image: bool, shared: bool, paired: bool
-) -> tuple[Figures, ...]:
-    """Test the whole image or all tiles."""
+def compare_many(pairs: Sequence[Pair]) -> list[CellTests]:
+    """Test many cells, those of one kind together: a cell alone costs ten times as much."""
+    alike: dict[Any, list[int]] = {}
+    for number, (a, b) in enumerate(pairs):
+        paired = bool(a.seeds) and a.seeds == b.seeds and a.means.shape == b.means.shape
+        size = a.width, a.height, a.replicates, b.replicates
+        kind = *size, a.spp, b.spp, a.shared or b.shared, paired
+        alike.setdefault(kind, []).append(number)
+    found: dict[int, CellTests] = {}
+    for kind, numbers in alike.items():
+        tests = _compare_alike([pairs[number] for number in numbers], *kind[-2:])
+        found |= dict(zip(numbers, tests, strict=True))
+    return [found[number] for number in range(len(pairs))]
+
+
+def _compare_alike(pairs: Sequence[Pair], shared: bool, paired: bool) -> Iterator[CellTests]:
+    whole, tiles = (_judge_regions(pairs, image, shared, paired) for image in (True, False))
+    joined = [np.concatenate(both, axis=1) for both in zip(whole, tiles, strict=True)]
+    for number, (a, b) in enumerate(pairs):
+        base, difference, error, dof, p, alone, alone_dof = (x[number] for x in joined)
+        identical = a.digest == b.digest and a.replicates == b.replicates
+        if identical:
+            p = np.ones_like(p)
+        yield CellTests(
+            base, difference, error, dof, p, alone, alone_dof, paired, identical, shared
+        )
+
+
+def _judge_regions(pairs: Sequence[Pair], image: bool, shared: bool, paired: bool) -> list[Figures]:
+    """Test the whole images or all tiles; every array is (cells, regions, 3)."""
+    a, b = pairs[0]
     groups = 1 if shared else math.gcd(a.means.shape[2], b.means.shape[2])
-    one, two = _contributions(a, image, groups), _contributions(b, image, groups)
+    one = _contributions([before for before, _ in pairs], image, groups)
+    two = _contributions([after for _, after in pairs], image, groups)
     if image and shared:
         one, two = one.sum(2, keepdims=True), two.sum(2, keepdims=True)
     base, other = one.sum(2).mean(0), two.sum(2).mean(0)
-    parts_a, parts_b = _parts(one), _parts(two)
-    alone = _welch(parts_a, parts_b, a.spp, b.spp)
+    alone = _welch(_parts(one), _parts(two), a.spp, b.spp)
+    used = alone
     if paired:
         d = _parts(two - one)
         used = d.mean, d.variance, d.variance**2 / max(d.nu, 1)
-    else:
-        used = alone
     p = _p_values(*used, floor=ROUNDING * np.maximum(abs(base), abs(other)))
-    error, dof = _error(*used[1:])
-    alone_error, alone_dof = _error(*alone[1:])
-    return base, other - base, error, dof, p, alone_error, alone_dof
+    all_of_them = [base, other - base, *_error(*used[1:]), p, *_error(*alone[1:])]
+    return [x.reshape(len(pairs), -1, 3) for x in all_of_them]
 
 
-def _contributions(of: Signature, image: bool, groups: int) -> Figures:
+def _contributions(of: Sequence[Signature], image: bool, groups: int) -> Figures:
     """Return what each part adds to its region's mean: (replicates, regions, parts, 3).
 
-    Parts are the groups of pixels, joined to `groups` in a tile (a divisor of their number).
+    Parts are the groups of pixels, joined to `groups` in a tile (a divisor of their number); the
+    regions of all cells follow each other.
     """
-    pixels = of.pixels.astype(np.float64)
+    pixels = of[0].pixels.astype(np.float64)
     weights = pixels / (pixels.sum() if image else pixels.sum(1, keepdims=True))
-    found: Figures = of.means.astype(np.float64) * weights[..., None]
-    joined: Figures = found.reshape(*found.shape[:2], -1, groups, 3).sum(2)
-    return joined.reshape(of.replicates, 1, -1, 3) if image else joined
+    stacked = np.stack([signature.means for signature in of], axis=1).astype(np.float64)
+    found: Figures = stacked * weights[..., None]
+    joined: Figures = found.reshape(*found.shape[:3], -1, groups, 3).sum(3)
+    replicates, cells, tiles = joined.shape[:3]
+    if image:
+        return joined.reshape(replicates, cells, tiles * groups, 3)
+    return joined.reshape(replicates, cells * tiles, groups, 3)
 
 
 def _parts(contributions: Figures) -> _Parts:
@@ -222,16 +246,21 @@ def detectable(error: Figures, dof: Figures, level: float, power: float = 0.8) -
 
     About t(level / 2) + t(1 - power) standard errors; NaN where the error is zero or unknown.
     """
-    from matiere import _core
-
     good = np.isfinite(dof) & (error > 0.0)
     out = np.full(error.shape, np.nan)
     if good.any():
         nu = np.maximum(dof[good], 1.0)
-        t = np.asarray(_core.student_quantile(np.full(nu.shape, level / 2), nu))
-        t = t + np.asarray(_core.student_quantile(np.full(nu.shape, 1.0 - power), nu))
-        out[good] = t * error[good]
+        out[good] = (_quantiles(level / 2, nu) + _quantiles(1.0 - power, nu)) * error[good]
     return out
+
+
+def _quantiles(tail: float, nu: Figures) -> Figures:
+    """Return quantiles of Student's t to a relative 1e-3: between 300 degrees of freedom."""
+    from matiere import _core
+
+    grid = np.geomspace(1.0, max(float(nu.max()), 2.0), 300)
+    t = np.asarray(_core.student_quantile(np.full(grid.shape, tail), grid))
+    return np.asarray(np.exp(np.interp(np.log(nu), np.log(grid), np.log(t))))
 
 
 def interval_half(error: Figures, dof: Figures, tail: float) -> Figures:

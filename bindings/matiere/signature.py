@@ -20,7 +20,7 @@ import hashlib
 import json
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -62,11 +62,10 @@ class Signature:
         """Independently scrambled sample sets."""
         return len(self.means)
 
-    @cached_property
+    @property
     def pixels(self) -> NDArray[np.int64]:
         """Pixels of every tile and group, (tiles, groups)."""
-        labels, tiles, groups = _labels(self.width, self.height, self.replicates)
-        return np.bincount(labels.ravel(), minlength=tiles * groups).reshape(tiles, groups)
+        return _pixels(self.width, self.height, self.replicates)
 
     @property
     def grid(self) -> tuple[int, int]:
@@ -109,7 +108,7 @@ class Signature:
         try:
             header: dict[str, Any] = json.loads(bytes(view[_FIXED:end]))
             shape = tuple(map(int, header.pop("shape")))
-            means = np.frombuffer(view[end:], "<f4").reshape(shape).astype(np.float32)
+            means = np.frombuffer(view[end:], "<f4").reshape(shape)
             header["seeds"] = tuple(header["seeds"])
             found = cls(means=means, **header)
             fits = shape[1:] == (*found.pixels.shape, 3)
@@ -173,6 +172,14 @@ def _grouped(means: NDArray[np.float64]) -> NDArray[np.float32]:
     sums[:, filled] = np.add.reduceat(flat, starts, axis=1)
     sums /= np.maximum(counts, 1)[:, None]
     return sums.reshape(replicates, tiles, groups, 3).astype(np.float32)
+
+
+@lru_cache(maxsize=64)
+def _pixels(width: int, height: int, replicates: int) -> NDArray[np.int64]:
+    labels, tiles, groups = _labels(width, height, replicates)
+    counts = np.bincount(labels.ravel(), minlength=tiles * groups).reshape(tiles, groups)
+    counts.flags.writeable = False
+    return counts
 
 
 def _labels(width: int, height: int, replicates: int) -> tuple[NDArray[np.int64], int, int]:

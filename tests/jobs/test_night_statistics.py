@@ -196,3 +196,23 @@ def test_the_detectable_change_is_found_as_often_as_it_says() -> None:
         after = statistics.compare_cells(made(a), made(b + shift, seeds=(2,)))
         hits += bool(after.p[0, 1] < level)
     assert 0.65 < hits / count < 0.95, hits
+
+
+def test_cells_tested_together_are_those_tested_alone() -> None:
+    pairs = [(made(noise(k)), made(noise(50 + k), seeds=(k % 2,))) for k in range(6)]
+    pairs += [(made(noise(k, (8, 9, 7, 3))), made(noise(70 + k, (4, 9, 7, 3)))) for k in range(3)]
+    pairs.append((made(noise(1)), made(noise(1))))
+    for (a, b), found in zip(pairs, statistics.compare_many(pairs), strict=True):
+        alone = statistics.compare_cells(a, b)
+        np.testing.assert_allclose(found.p, alone.p, rtol=1e-9)
+        np.testing.assert_allclose(found.error, alone.error, rtol=1e-12)
+        assert (found.paired, found.identical) == (alone.paired, alone.identical)
+
+
+@pytest.mark.parametrize("tail", [0.2, 1e-3, 1e-8])
+def test_interpolated_quantiles_are_near_the_exact_ones(tail: float) -> None:
+    from matiere import _core
+
+    nu = np.random.default_rng(3).uniform(1.0, 500.0, 200)
+    exact = np.asarray(_core.student_quantile(np.full(nu.shape, tail), nu))
+    np.testing.assert_allclose(statistics._quantiles(tail, nu), exact, rtol=1e-3)
