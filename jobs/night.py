@@ -218,6 +218,13 @@ def is_folder(path: str | Path) -> bool:
     return (Path(path) / HEAD).is_file()
 
 
+def may_replace(path: Path) -> bool:
+    """Tell whether a night may be written here: nothing is there, or a night, whole or cut."""
+    if not path.exists():
+        return True
+    return path.is_dir() and {p.name for p in path.iterdir()} <= {HEAD, CELLS, SIGNATURES}
+
+
 def open_folder(path: str | Path) -> FolderNight:
     """Open the night in a folder. Raises NightError, saying what is wrong with it."""
     folder = Path(path)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 import typer
 
+from matiere.errors import MatiereError
 from matiere.jobs.errors import DataDirLocked
 from matiere.service.client import Client, JobStatus, ServiceError, SweepStatus, local_files
 from matiere.service.console import (
@@ -75,6 +76,7 @@ def run_sweep(
             typer.echo(_farewell(client, status, own), err=True)
             raise typer.Exit(130) from None
         wrote = folder.finish(client, status, jobs, parquet=parquet, stability=stability)
+        wrote += _night(client, status, output / "night")
         for path in wrote:
             typer.echo(f"wrote {path}")
     failed = [job for job in jobs if job.state != "succeeded"]
@@ -96,6 +98,17 @@ def _chosen(fetch: str, cells: int, output: Path) -> str:
         err=True,
     )
     return "none"
+
+
+def _night(client: Client, status: SweepStatus, place: Path) -> list[Path]:
+    """Write the sweep's night, unless something else of that name is there."""
+    from matiere.jobs.night import may_replace
+    from matiere.service.night_run import export
+
+    with contextlib.suppress(MatiereError):  # a service of an older matiere keeps no nights
+        if may_replace(place):
+            return [export(client, status.id, place)]
+    return []
 
 
 def _farewell(client: Client, status: SweepStatus, own: bool) -> str:

@@ -166,6 +166,14 @@ def test_half_a_night_is_none(tmp_path: Path) -> None:
         open_folder(tmp_path)
 
 
+def test_only_a_night_is_replaced_by_a_night(tmp_path: Path) -> None:
+    assert night.may_replace(tmp_path / "none")
+    write(tmp_path / "a", 1)
+    assert night.may_replace(tmp_path / "a")
+    (tmp_path / "a" / "mine.txt").touch()
+    assert not night.may_replace(tmp_path / "a") and not night.may_replace(tmp_path / "a/mine.txt")
+
+
 def test_a_damaged_or_newer_night_is_refused_in_words(tmp_path: Path) -> None:
     write(tmp_path, 1)
     lines = (tmp_path / night.CELLS).read_text().splitlines()

@@ -280,7 +280,7 @@ class FakeEngine(Engine):
 
     def _file(self, kind: str, text: str) -> Artifact:
         content = text.encode()
-        path = self.data_dir / kind
+        path = self.data_dir / f"served-{kind}"
         path.write_bytes(content)
         digest = hashlib.sha256(content).hexdigest()
         return Artifact(kind, digest, len(content), str(path), ARTIFACT_MEDIA_TYPES[kind][0])
