@@ -26,6 +26,7 @@ import shutil
 import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Any, TypeVar
@@ -110,7 +111,8 @@ def open_engine(
     except BaseException:
         data.close()
         raise
-    options = Options(count, threads, work, min_free_bytes, rules or Rules())
+    rules = replace(rules or Rules(), min_free_bytes=min_free_bytes)
+    options = Options(count, threads, work, min_free_bytes, rules)
     engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
     if url is not None:
         engine.announce(url)
@@ -274,6 +276,7 @@ class Engine(Controls, EngineNights):
         ends = deadlines.parse(deadline, time.time())
         request = Request(stop, assets or {}, priority, label, ends, tuple(after))
         spec = self._submitter.job(scene, request)
+        self.storage.check_room([spec])
         job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
         self._scheduler.wake()
         return self.get_job(job_id)
@@ -334,6 +337,7 @@ class Engine(Controls, EngineNights):
         spec, cells = self._submitter.sweep(
             base, {"axes": axes, "mode": mode, **language}, request, columns
         )
+        self.storage.check_room(cells)
         sweep_id = self._db.write(lambda c: jobs.submit_sweep(c, spec, cells, key))
         self._scheduler.wake()
         return self.get_sweep(sweep_id)

@@ -12,3 +12,4 @@ class Rules:
     result_days: float = 30.0
     film_bytes: int | None = None
     grace_hours: float = 24.0
+    min_free_bytes: int = 2 * 10**9  # below so much free disk no new work is begun

@@ -14,16 +14,18 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
+from matiere.jobs import quota
 from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import Busy, JobsError
 from matiere.jobs.job import JsonDict
 from matiere.jobs.rules import Rules
 from matiere.jobs.store import files, garbage
 from matiere.jobs.store.database import Database
+from matiere.jobs.store.jobs import JobSpec
 
 log = logging.getLogger("matiere.jobs.storage")
 
@@ -71,6 +73,7 @@ class Storage:
     def usage(self) -> JsonDict:
         """Return bytes and files by what they are for, the limits, and the free disk."""
         root = self._data.root
+        free = shutil.disk_usage(root).free
         return {
             "data_dir": str(root),
             "store_bytes": self._db.size(),
@@ -78,7 +81,8 @@ class Storage:
             "asset_bytes": _tree_bytes(self._data.assets),
             "log_bytes": _tree_bytes(self._data.logs),
             "film_limit_bytes": self.film_limit(),
-            "disk_free_bytes": shutil.disk_usage(root).free,
+            "disk_free_bytes": free,
+            "disk_low": free < self.rules.min_free_bytes,
             "result_days": self.rules.result_days,
         }
 
@@ -92,6 +96,15 @@ class Storage:
     def pin(self, name: str, pinned: bool) -> str:
         """Keep a job or a sweep whatever its age (or no more); return which it is."""
         return self._db.write(lambda c: garbage.pin(c, name, pinned))
+
+    def check_room(self, specs: Iterable[JobSpec]) -> None:
+        """Raise if the disk has no room for jobs: see `quota.check_disk`."""
+        films = ((spec.film.width, spec.film.height, spec.film.replicates) for spec in specs)
+
+        def evictable() -> int:
+            return sum(film.size for film in self._db.read(lambda c: garbage.cold_films(c, 10**6)))
+
+        quota.check_disk(self._data.root, quota.disk_need(films), evictable)
 
     # -- collecting ---------------------------------------------------------------------------
     def collect(self, *, dry_run: bool = False) -> Collected:

@@ -26,6 +26,7 @@ import httpx
 from pydantic import BaseModel, ConfigDict, Field
 
 from matiere.errors import MatiereError
+from matiere.service.client_storage import StorageCalls
 
 DEFAULT_URL = "http://127.0.0.1:8470"
 ENDED = frozenset({"succeeded", "failed", "cancelled", "expired"})
@@ -121,7 +122,7 @@ class SweepStatus(_View):
         return sum(n for state, n in self.counts.items() if state in ENDED) == self.cells
 
 
-class Client:
+class Client(StorageCalls):
     """Talks to one service; close it, or use it in a `with` block."""
 
     def __init__(
@@ -313,28 +314,6 @@ class Client:
         change = {"priority": priority}
         answer = self._request("PATCH", f"/v1/jobs/{job_id}", json=change).json()
         return JobStatus.model_validate(answer)
-
-    def storage(self) -> dict[str, Any]:
-        """Return what is kept, in bytes and files, and the limits."""
-        return dict(self._request("GET", "/v1/storage").json())
-
-    def collect(self, *, dry_run: bool = False) -> dict[str, Any]:
-        """Remove what may go (or only tell what would); return what went."""
-        params = {"dry_run": "true" if dry_run else "false"}
-        answer = self._request("POST", "/v1/storage:collect", params=params, timeout=3600.0)
-        return dict(answer.json())
-
-    def pin(self, name: str, pinned: bool = True) -> str:
-        """Keep a job or a sweep whatever its age (or no more); return which it is."""
-        verb = "pin" if pinned else "unpin"
-        try:
-            self._request("POST", f"/v1/jobs/{name}:{verb}")
-        except ServiceError as error:
-            if error.code != "job_not_found":
-                raise
-            self._request("POST", f"/v1/sweeps/{name}:{verb}")
-            return "sweep"
-        return "job"
 
     def wait(
         self,

@@ -18,9 +18,10 @@ from rich.console import Console
 from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 from matiere.errors import MatiereError, SceneValidationError
-from matiere.service.client import JobStatus, ServiceError
+from matiere.service.client import Client, JobStatus, ServiceError
 
 PLAIN_PERIOD_S = 10.0
+HOLDUP_PERIOD_S = 5.0
 
 
 def console() -> Console:
@@ -106,14 +107,27 @@ class Remaining:
         return (now - begin) * (1.0 - progress) / done
 
 
+class Holdup:
+    """Asks a service now and then why it begins no new work."""
+
+    def __init__(self, client: Client) -> None:
+        self._client, self._asked, self._found = client, -HOLDUP_PERIOD_S, ""
+
+    def text(self) -> str:
+        """Return `, ` and the reason, or nothing."""
+        if (now := time.monotonic()) - self._asked >= HOLDUP_PERIOD_S:
+            self._asked, self._found = now, self._client.holdup()
+        return f", {self._found}" if self._found else ""
+
+
 @contextlib.contextmanager
-def job_progress(label: str) -> Iterator[Callable[[JobStatus], None]]:
+def job_progress(label: str, client: Client) -> Iterator[Callable[[JobStatus], None]]:
     """Show one job; call what this gives at every look."""
-    remaining = Remaining()
+    remaining, holdup = Remaining(), Holdup(client)
 
     def text(job: JobStatus) -> str:
         if job.state == "queued":
-            return "queued"
+            return f"queued{holdup.text()}"
         left = format_time(remaining.seconds(job.progress))
         return f"{job.spp} spp  {format_error(job)}  {left} left"
 

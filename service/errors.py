@@ -146,6 +146,11 @@ CODES: dict[str, Kind] = {
     "memory_limit": Kind(
         422, "The image would need more memory than one job may use", "Ask for a smaller film."
     ),
+    "disk_limit": Kind(
+        422,
+        "The request would need more disk than there is",
+        "Ask for fewer pixels, fewer replicates or fewer cells.",
+    ),
     "unknown_view": Kind(
         422,
         "The colour configuration, display or view is not known",
@@ -161,6 +166,11 @@ CODES: dict[str, Kind] = {
         429,
         "There is no time for this comparison now",
         "Send it again in a few seconds; `matiere compare` does the same on your own machine.",
+    ),
+    "over_quota": Kind(
+        429,
+        "There is no room for this on the disk now",
+        "Wait until other jobs have ended, or free space (`matiere du`, `matiere gc`).",
     ),
     "internal_error": Kind(
         500,
@@ -258,7 +268,7 @@ def problem_of(error: MatiereError, prefix: str = "", own: tuple[str, ...] = ())
     if code not in CODES:
         code = "invalid_scene" if errors else "internal_error"
     detail = _summary(errors) if errors else error.message
-    retry = {"Retry-After": "5"} if CODES[code].status == 503 else None
+    retry = {"Retry-After": "5"} if CODES[code].status in (429, 503) else None
     return Problem(code, detail, errors=errors, headers=retry)
 
 

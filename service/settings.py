@@ -95,7 +95,7 @@ class Settings(BaseModel):
         """Return how long things are kept."""
         from matiere.jobs.rules import Rules
 
-        return Rules(self.result_days, self.film_bytes, self.gc_grace_hours)
+        return Rules(self.result_days, self.film_bytes, self.gc_grace_hours, self.min_free_bytes)
 
     @field_validator("data")
     @classmethod

@@ -18,6 +18,7 @@ from matiere.errors import MatiereError
 from matiere.jobs.errors import DataDirLocked
 from matiere.service.client import Client, JobStatus, ServiceError, SweepStatus, local_files
 from matiere.service.console import (
+    Holdup,
     Remaining,
     check_writable,
     describe,
@@ -207,7 +208,7 @@ def _follow(
     endings: Sequence[str],
 ) -> tuple[SweepStatus, list[JobStatus]]:
     """Show progress and fetch each cell as it ends; return the sweep and all its cells."""
-    remaining = Remaining()
+    remaining, holdup = Remaining(), Holdup(client)
     with live(label) as show:
         while True:
             status = client.sweep(status.id)
@@ -221,7 +222,8 @@ def _follow(
                 jobs = []
                 share = _ended(status) / max(status.cells, 1)
             left = None if status.ended else remaining.seconds(share)
-            show(share, 1.0, _line(status, jobs, left))
+            held = "" if status.ended else holdup.text()
+            show(share, 1.0, _line(status, jobs, left) + held)
             if status.ended:
                 return status, jobs
             time.sleep(POLL_S)

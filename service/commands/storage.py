@@ -41,7 +41,8 @@ def du(data: Data = None, url: Url = None, as_json: AsJson = False) -> None:
     typer.echo("")
     typer.echo(f"films may take {_size(found['film_limit_bytes'])}, the longest unused go first")
     typer.echo(f"results stay {found['result_days']:g} days; pinned ones for ever")
-    typer.echo(f"free disk {_size(found['disk_free_bytes'])}, data in {found['data_dir']}")
+    low = " (disk_low: no new work is begun)" if found["disk_low"] else ""
+    typer.echo(f"free disk {_size(found['disk_free_bytes'])}{low}, data in {found['data_dir']}")
 
 
 def gc(

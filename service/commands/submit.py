@@ -104,7 +104,7 @@ def _wait(client: Client, job: JobStatus) -> JobStatus:
     from matiere.service.console import describe, job_progress
 
     try:
-        with job_progress(job.label) as on_change:
+        with job_progress(job.label, client) as on_change:
             job = client.wait(job.id, on_change=on_change)
     except KeyboardInterrupt:
         typer.echo(

@@ -49,7 +49,8 @@ def test_requested_spp_is_rounded_up_to_a_boundary(engine: Engine) -> None:
 def test_chunk_files_are_freed_after_merging(engine: Engine) -> None:
     job = run(engine, SCENE)
     folder = engine.data_dir / "artifacts"
-    wait_until(lambda: len([p for p in folder.rglob("*") if p.is_file()]) == 5)  # prefix, 4 results
+    wait_until(lambda: len([p for p in folder.rglob("*") if p.is_file()]) == 6)
+    # prefix, four results, signature
     names = {p.name for p in folder.rglob("*") if p.is_file()}
     assert {engine.artifact(job.id, kind).digest for kind in job.artifacts} < names
 

@@ -1,0 +1,45 @@
+"""Calls of the client about what is kept: usage, collection, pins, and why work waits."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matiere.errors import MatiereError
+
+
+class StorageCalls:
+    """The part of `Client` about storage."""
+
+    def _request(self, method: str, url: str, **more: Any) -> Any:
+        raise NotImplementedError
+
+    def holdup(self) -> str:
+        """Return why the service begins no new work now (`disk_low`, ...), or ""."""
+        facts = self._request("GET", "/v1/status").json()
+        if facts.get("disk_low"):
+            return f"disk_low, {facts['disk_free_bytes'] / 1e9:.1f} GB free: no new work is begun"
+        if facts.get("disk_full"):
+            return "disk_full: waiting for space"
+        return ""
+
+    def storage(self) -> dict[str, Any]:
+        """Return what is kept, in bytes and files, and the limits."""
+        return dict(self._request("GET", "/v1/storage").json())
+
+    def collect(self, *, dry_run: bool = False) -> dict[str, Any]:
+        """Remove what may go (or only tell what would); return what went."""
+        params = {"dry_run": "true" if dry_run else "false"}
+        answer = self._request("POST", "/v1/storage:collect", params=params, timeout=3600.0)
+        return dict(answer.json())
+
+    def pin(self, name: str, pinned: bool = True) -> str:
+        """Keep a job or a sweep whatever its age (or no more); return which it is."""
+        verb = "pin" if pinned else "unpin"
+        try:
+            self._request("POST", f"/v1/jobs/{name}:{verb}")
+        except MatiereError as error:
+            if error.code != "job_not_found":
+                raise
+            self._request("POST", f"/v1/sweeps/{name}:{verb}")
+            return "sweep"
+        return "job"
