@@ -35,6 +35,7 @@ CELL_FILES = {
     ".json": "report.json",
     ".svg": "error.svg",
 }
+KEPT = ("log", "image", "kernel", "seeds", "adaptive")  # of a report
 PERIOD_S = 1.0  # between two writings of the state file
 _OURS = re.compile(r"(cells/)?[A-Za-z0-9+_-][A-Za-z0-9.+_-]*")  # what we may remove again
 _PAGE = re.compile(r"contact-sheet-\d+\.png")
@@ -163,7 +164,7 @@ class OutputFolder:
             return None
         with contextlib.suppress(OSError, ValueError):
             report = json.loads((self.folder / files[".json"]).read_text(encoding="utf-8"))
-            return {key: report[key] for key in ("log", "image", "kernel") if key in report}
+            return {key: report[key] for key in KEPT if key in report}
         return None
 
     def _write_tables(self, rows: Sequence[Row], parquet: bool) -> list[str]:

@@ -198,20 +198,27 @@ def _how_many(shown: int, rows: Sequence[Row], page: Page) -> str:
             "an image in this folder and the largest errors. All are in the table. "
         )
     words += "relMSE: estimated relative mean squared error with its 95 % interval."
+    if any(row["versus_baseline"] is not None for row in rows):
+        words += (
+            " vs baseline: change of the mean luminance with its 95 % interval, bold where that"
+            " leaves out no change; one cell in twenty is bold by chance."
+        )
     return f'<p class="soft">{words}</p>'
 
 
 def _table(page: Page, rows: Sequence[Row]) -> str:
     axes = [key for key in (rows[0] if rows else {}) if key not in FIXED]
     stable = any(row["stability"] for row in rows)
+    compared = any(row["versus_baseline"] is not None for row in rows)
     heads = ["<th data-fixed>image</th>" if page.files else "", '<th class="n">cell</th>']
     numeric = {axis: all(_is_number(row[axis]) for row in rows) for axis in axes}
     heads += [f"<th{_n(numeric[axis])}>{escape(axis)}</th>" for axis in axes]
     heads.append('<th>state</th><th class="n">relMSE</th><th data-fixed>95 % interval</th>'
                  '<th class="n">seconds</th><th class="n">spp</th>')  # fmt: skip
+    heads.append('<th class="n">vs baseline</th>' if compared else "")
     heads.append("<th>stability</th>" if stable else "")
     heads.append("<th data-fixed>files</th>" if page.files else "")
-    body = "\n".join(_row(page, row, axes, numeric, stable) for row in rows)
+    body = "\n".join(_row(page, row, axes, numeric, (compared, stable)) for row in rows)
     return (
         f'<div class="wide"><table><thead><tr>{"".join(heads)}</tr></thead>\n'
         f"<tbody>{body}</tbody></table></div>"
@@ -219,7 +226,11 @@ def _table(page: Page, rows: Sequence[Row]) -> str:
 
 
 def _row(
-    page: Page, row: Row, axes: Sequence[str], numeric: Mapping[str, bool], stable: bool
+    page: Page,
+    row: Row,
+    axes: Sequence[str],
+    numeric: Mapping[str, bool],
+    more: tuple[bool, bool],
 ) -> str:
     files = page.files.get(row["cell"], {})
     image = files.get(".png")
@@ -241,12 +252,25 @@ def _row(
         span = f"{number(row['relmse_low'])} to {number(row['relmse_high'])}"
     cells += [f"<td>{state}</td>", _cell(row["relmse"]), f"<td>{span}</td>",
               _cell(row["seconds"]), _cell(row["spp"])]  # fmt: skip
+    compared, stable = more
+    if compared:
+        cells.append(_versus(row))
     if stable:
         cells.append(f"<td>{escape(row['stability'] or '')}</td>")
     links = " ".join(f'<a href="{quote(name)}">{ending[1:]}</a>' for ending, name in files.items())
     cells.append(f"<td>{links}</td>" if page.files else "")
     mark = ' class="baseline"' if mine else ""
     return f"<tr{mark}>{''.join(cells)}</tr>"
+
+
+def _versus(row: Row) -> str:
+    """Return the change against the baseline, bold if its interval leaves out no change."""
+    change, low, high = (row[f"versus_baseline{end}"] for end in ("", "_low", "_high"))
+    if change is None:
+        return "<td></td>"
+    text = f"{change:+.3g} % &plusmn; {(high - low) / 2:.2g}"
+    text = f"<b>{text}</b>" if low > 0 or high < 0 else text
+    return f'<td class="n" data-v="{change!r}">{text}</td>'
 
 
 def _cell(value: Any, numeric: bool = True) -> str:

@@ -16,6 +16,7 @@ from typing import Any
 
 from matiere.errors import MatiereError
 from matiere.service.client import JobStatus, SweepStatus
+from matiere.service.sweep_baseline import changes
 
 FIRST = ("cell", "label")
 ENDED = ("state", "spp", "seconds", "relmse", "relmse_low", "relmse_high", "stop_reason", "cached")
@@ -23,8 +24,9 @@ IMAGE = (
     *("mean_r", "mean_g", "mean_b", "luminance_mean", "luminance_min", "luminance_max"),
     *("albedo_r", "albedo_g", "albedo_b"),
 )
+BASELINE = ("versus_baseline", "versus_baseline_low", "versus_baseline_high")
 LAST = ("stability", "features", "image", "job", "error")
-FIXED = {*FIRST, *ENDED, *IMAGE, *LAST}
+FIXED = {*FIRST, *ENDED, *IMAGE, *BASELINE, *LAST}
 
 Row = dict[str, Any]
 
@@ -82,6 +84,7 @@ def rows_of(
     """Return one row per cell; `reports`, `images` (file names) and `stability` go by cell."""
     texts = texts_of(sweep)
     labels = list(dict.fromkeys(label for job in jobs for label in job.parameters))
+    changed = changes(reports, sweep.baseline)
     rows = []
     for job in jobs:
         low, high = job.relmse_interval or (None, None)
@@ -97,6 +100,7 @@ def rows_of(
             "stop_reason": job.stop_reason, "cached": job.cached,
         }  # fmt: skip
         row |= dict(zip(IMAGE, _image(report.get("image") or {}), strict=True))
+        row |= dict(zip(BASELINE, changed.get(cell, (None,) * 3), strict=True))
         row |= {
             "stability": stability.get(cell),
             "features": " ".join(report.get("kernel", {}).get("features", ())) or None,
@@ -154,7 +158,7 @@ def _arrow_type(pa: Any, name: str, values: Sequence[object]) -> Any:
         return pa.int64()
     if name == "cached":
         return pa.bool_()
-    if name in (*IMAGE, "seconds", "relmse", "relmse_low", "relmse_high"):
+    if name in (*IMAGE, *BASELINE, "seconds", "relmse", "relmse_low", "relmse_high"):
         return pa.float64()
     kinds = {type(value) for value in values if value is not None}
     if name in FIXED or not kinds:

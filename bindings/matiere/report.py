@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from matiere.film import Film
 
 VERSION = 1
+MOST_REPLICATE_PIXELS = 2**22  # of 32 bytes
 LUMINANCE = np.array([0.2126, 0.7152, 0.0722])  # linear Rec.709
 # What ended a render, in words.
 REASONS = {
@@ -98,7 +99,14 @@ def picture_report(film: Film, despeckle: bool) -> dict[str, Any]:
 
 
 def image_statistics(film: Film) -> dict[str, Any]:
-    """Return means of the linear image: `mean` R, G, B, `luminance`, `albedo` if it is there."""
+    """Return means of the linear image: `mean` R, G, B, `luminance`, `albedo` if it is there.
+
+    `replicate_luminance`: the mean luminance of every replicate alone, None of a film so large that
+    its replicates would need more than 128 MB at once.
+    """
+    replicates = None
+    if film.replicates * film.width * film.height <= MOST_REPLICATE_PIXELS:
+        replicates = (film.replicate_means @ LUMINANCE).mean(axis=(1, 2)).tolist()
     light = film.mean @ LUMINANCE
     albedo = film.aov("albedo").mean(axis=(0, 1)).tolist() if "albedo" in film.aovs else None
     return {
@@ -107,6 +115,7 @@ def image_statistics(film: Film) -> dict[str, Any]:
             "mean": float(light.mean()), "min": float(light.min()), "max": float(light.max())
         },
         "albedo": albedo,
+        "replicate_luminance": replicates,
     }  # fmt: skip
 
 

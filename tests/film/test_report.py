@@ -41,6 +41,9 @@ def test_the_report_is_plain_json(film: mt.Film) -> None:
     r, g, b = image["mean"]
     assert light["mean"] == pytest.approx(0.2126 * r + 0.7152 * g + 0.0722 * b, rel=1e-9)
     assert light["min"] < light["mean"] < light["max"]
+    assert len(image["replicate_luminance"]) == film.replicates
+    mean = sum(image["replicate_luminance"]) / film.replicates
+    assert mean == pytest.approx(light["mean"], rel=1e-9)
     assert image["albedo"] is None, "no such layer was asked for"
 
 

@@ -21,6 +21,7 @@ from matiere.jobs.sweep import parse_sweep
 from matiere.service import sweep_output, sweep_page
 from matiere.service.client import JobStatus, ServiceError, SweepStatus
 from matiere.service.fetch_run import choose
+from matiere.service.sweep_baseline import changes
 from matiere.service.sweep_check import varying, verdicts
 from matiere.service.sweep_output import OutputFolder
 from matiere.service.sweep_page import Page, html_of
@@ -92,6 +93,31 @@ def test_without_pyarrow_parquet_says_what_to_install(
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(ParquetMissing, match=r"pip install 'matiere\[parquet\]'"):
         write_parquet(tmp_path / "t.parquet", [])
+
+
+def test_the_baseline_is_compared_replicate_by_replicate() -> None:
+    rng = np.random.default_rng(3)
+
+    def report(values: Any, **more: Any) -> dict[str, Any]:
+        return {"image": {"replicate_luminance": list(values)}, "seeds": [1], **more}
+
+    hits = 0
+    for _ in range(400):
+        shared = rng.normal(1.0, 0.1, 16)
+        reports = {0: report(shared), 1: report(shared * 1.02 + rng.normal(0, 0.002, 16))}
+        change, low, high = changes(reports, 0)[1]
+        assert abs(change - 2.0) < 0.5, "the shared noise of 10 % cancels"
+        hits += low < 2.0 < high
+    assert 360 <= hits <= 396, hits  # 380 expected; these are 4.6 and 3.7 standard deviations
+    unlike = {2: report([1.0, 1.0]), 3: report(shared, seeds=[2]), 4: report(shared, adaptive=True)}
+    assert set(changes({**reports, **unlike}, 0)) == {1}
+    assert changes(reports, None) == changes(reports, 9) == {}
+    same = {0: report(shared), 1: report(shared)}
+    assert changes(same, 0)[1] == (0.0, 0.0, 0.0)
+    rows = rows_of(sweep_of(2, baseline=0), [job(0), job(1)], reports, {}, {})
+    assert rows[0]["versus_baseline"] is None
+    text = html_of(Page("x", 2, baseline=0), rows)
+    assert "<b>+2" in text.replace("+1.9", "+2") and "vs baseline" in text
 
 
 # -- the page -----------------------------------------------------------------------------------
