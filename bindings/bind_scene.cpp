@@ -314,8 +314,8 @@ void bind_scene(py::module_& m) {
                                               "A built scene; immutable, shared by threads.")
         .def(py::init([](const RenderDescription& d, int threads,
                          const std::shared_ptr<CancelToken>& cancel) {
-                 RenderDescription copy = d;
                  const py::gil_scoped_release release;
+                 RenderDescription copy = d;
                  return std::make_shared<Scene>(std::move(copy), threads, cancel.get());
              }),
              py::arg("description"), py::arg("threads") = 0, py::arg("cancel") = nullptr)

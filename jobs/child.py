@@ -4,7 +4,8 @@ A render child renders claims; the utility child is the same program asked other
 opens the database. It ends at once when its control pipe closes, so a killed service leaves no
 orphan. Requests: `{"op": "render"|"check"|"stability"|"merge"|"images"|"sheet", "token": n,
 ...}`, `{"op": "cancel"|"ping", ...}`;
-reports: `{"op": "hello"|"pong"|"done"|"failed"|"cancelled", "token": n, ...}`.
+reports: `{"op": "hello"|"pong"|"reading"|"done"|"failed"|"cancelled", "token": n, ...}`. While it
+is `reading` files a cancel cannot stop it: the service kills it then.
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ import argparse
 import ctypes
 import errno
 import faulthandler
+import functools
 import importlib
 import json
 import os
@@ -34,13 +36,21 @@ NICE = 10
 OOM_SCORE_ADJ = 500  # when memory runs out a child goes before the service does
 
 
-def harden(parent: int) -> None:
-    """Make this process a polite, short-lived victim: low priority, no core, dies with `parent`."""
+def harden(parent: int, memory_bytes: int = 0) -> None:
+    """Make this process a polite, short-lived victim: low priority, no core, dies with `parent`.
+
+    With `memory_bytes` an allocation beyond it fails: RLIMIT_DATA counts what is private and
+    writable, unlike RLIMIT_AS not what TBB and malloc reserve without using it.
+    """
     faulthandler.enable()
     ctypes.CDLL(None, use_errno=True).prctl(PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
     if os.getppid() != parent:
         os._exit(0)  # the parent died before the request above
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if memory_bytes:
+        hard = resource.getrlimit(resource.RLIMIT_DATA)[1]
+        soft = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+        resource.setrlimit(resource.RLIMIT_DATA, (soft, hard))
     os.nice(NICE)
     try:
         with Path("/proc/self/oom_score_adj").open("w") as file:
@@ -138,7 +148,8 @@ class Child:
         if request["op"] == "render":
             if self._renderer is None:
                 self._renderer = rendering.Renderer(self.work, self.threads, self.slots)
-            answer: JsonDict | None = self._renderer.render(request, self.folder, flag)
+            reading = functools.partial(self.reports.send, "reading", token=request["token"])
+            answer: JsonDict | None = self._renderer.render(request, self.folder, flag, reading)
             return answer
         if request["op"] == "merge":
             return merge.merge(self.work, request, self.folder)
@@ -178,12 +189,13 @@ def describe(error: BaseException) -> JsonDict:
     if isinstance(error, DamagedFile):
         return {"error": "damaged_file", "message": str(error), "pointer": "",
                 "permanent": False, "digest": error.digest}  # fmt: skip
-    if isinstance(error, MatiereError):
+    if isinstance(error, MatiereError) and error.code != "out_of_memory":  # Embree's is no fault
         faults = getattr(error, "errors", None)
         return {"error": error.code, "message": error.message, "pointer": error.pointer,
                 "permanent": True, "faults": faults}  # fmt: skip
     traceback.print_exception(error, file=sys.stderr)
-    kind = "out_of_memory" if isinstance(error, MemoryError) else "python_error"
+    memory = isinstance(error, MemoryError) or getattr(error, "code", "") == "out_of_memory"
+    kind = "out_of_memory" if memory else "python_error"
     text = "".join(traceback.format_exception_only(error)).strip()
     return {"error": kind, "message": text, "pointer": "", "permanent": False}
 
@@ -212,8 +224,9 @@ def main() -> None:
     parser.add_argument("--threads", type=int, required=True, help="render threads")
     parser.add_argument("--slots", type=int, required=True, help="children x threads")
     parser.add_argument("--parent", type=int, required=True, help="pid of the service")
+    parser.add_argument("--memory", type=int, default=0, help="bytes it may allocate; 0: any")
     options = parser.parse_args()
-    harden(options.parent)
+    harden(options.parent, options.memory)
     Child(options).run()
 
 

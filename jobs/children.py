@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from matiere.jobs import procfs
 from matiere.jobs.job import JsonDict
 
 log = logging.getLogger("matiere.jobs.children")
@@ -24,6 +25,8 @@ log = logging.getLogger("matiere.jobs.children")
 PING_S = 5.0
 LEASE_S = 30.0  # without an answer for so long a child is killed and its work given back
 START_S = 120.0  # the same for a child that has yet to say hello
+REAP_S = 10.0  # a killed child that the kernel does not give back is then given up
+BUSY_SHARE = 0.1  # of the lease on a processor: a silent child hangs by its own fault
 LOG_BYTES = 4 * 2**20
 LOG_TAIL_BYTES = 4096
 
@@ -39,6 +42,7 @@ class ChildOptions:
     work: str
     threads: int
     slots: int
+    memory_bytes: int = 0  # RLIMIT_DATA; 0: none
 
 
 @dataclass(frozen=True)
@@ -63,6 +67,12 @@ class Child:
         self.ready = False
         self.started = self.answered = self._pinged = time.monotonic()
         self.killed = False
+        self.killed_at: float | None = None  # by SIGKILL
+        self.cause: tuple[str, str] | None = None  # class and words, when the service killed it
+        self.working: int | None = None  # token of the claim at work, kept by the warden
+        self.working_since = 0.0
+        self.oom_kills = procfs.oom_kills()
+        self._cpu_answered = 0.0
         self._inbox = inbox
         self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._log_path = options.logs / f"{options.name}.log"
@@ -79,21 +89,31 @@ class Child:
         self._outbox.put(json.dumps({"op": op, **fields}, allow_nan=False).encode() + b"\n")
 
     def tick(self, now: float) -> None:
-        """Ping the child; kill it when it has not answered for a lease."""
+        """Ping the child; kill it when its control thread has not answered for a lease."""
         if not self.alive:
             return
         patience = LEASE_S if self.ready else START_S
         if now - self.answered > patience and not self.killed:
-            log.warning("%s (pid %d) does not answer: killed", self.name, self.pid)
-            self.kill()
+            self.kill(cause=self._why_silent(patience))
         elif now - self._pinged > PING_S:
             self._pinged = now
             self.send("ping", n=0)
-            self._trim_log()
+        self._trim_log()
 
-    def kill(self, how: signal.Signals = signal.SIGKILL) -> None:
+    def escaped(self, now: float) -> bool:
+        """Tell whether the child was killed long ago and the kernel has not given it back."""
+        return self.killed_at is not None and now - self.killed_at > REAP_S
+
+    def kill(
+        self, how: signal.Signals = signal.SIGKILL, cause: tuple[str, str] | None = None
+    ) -> None:
         """Send a signal to the child (it is reaped by its own reader thread)."""
         self.killed = True
+        if self.cause is None and cause is not None:
+            self.cause = cause
+            log.warning("%s (pid %d) is killed: %s", self.name, self.pid, cause[1])
+        if how is signal.SIGKILL and self.killed_at is None:
+            self.killed_at = time.monotonic()
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(how)
 
@@ -108,6 +128,10 @@ class Child:
         except subprocess.TimeoutExpired:
             return False
         return True
+
+    def exit_class(self, code: int | None) -> tuple[str, str]:
+        """Return class and words for how this child ended; None: it could not be reaped."""
+        return exit_class(code, self.cause, procfs.oom_kills() > self.oom_kills)
 
     # -- remains ------------------------------------------------------------------------------
     def log_tail(self) -> str:
@@ -130,7 +154,7 @@ class Child:
         command += ["--control", str(control_read), "--report", str(report_write)]
         command += ["--artifacts", str(o.artifacts), "--data", str(o.data), "--work", o.work]
         command += ["--threads", str(o.threads), "--slots", str(o.slots)]
-        command += ["--parent", str(os.getpid())]
+        command += ["--parent", str(os.getpid()), "--memory", str(o.memory_bytes)]
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
         temporary = o.data / "artifacts" / "tmp"  # emptied at every start of the service
         with contextlib.suppress(OSError):
@@ -166,16 +190,27 @@ class Child:
     def _read(self, fd: int) -> None:
         with os.fdopen(fd, "rb") as pipe:
             for line in pipe:
-                self.answered = time.monotonic()
                 try:
                     body = json.loads(line)
                 except ValueError:
                     continue  # the last line of a killed child
+                if body["op"] in ("pong", "hello"):  # of the control thread: no other renews
+                    self.answered = time.monotonic()
+                    self._cpu_answered = procfs.state_and_cpu(self.pid)[1]
                 if body["op"] != "pong":
                     self._inbox.put(Message(self, body))
         code = self._process.wait()
         self._outbox.put(None)
         self._inbox.put(Message(self, {"op": "exit", "code": code}))
+
+    def _why_silent(self, patience: float) -> tuple[str, str]:
+        state, cpu = procfs.state_and_cpu(self.pid)
+        words = f"its control thread has not answered for {patience:g} s"
+        if state in ("T", "t"):
+            return "lost", f"{words}: the process was stopped from outside"
+        if cpu - self._cpu_answered >= BUSY_SHARE * patience:
+            return "unresponsive", f"{words}, though it computes: the work holds it up"
+        return "lost", words
 
     def _rotate_log(self) -> None:
         with contextlib.suppress(OSError):
@@ -192,12 +227,22 @@ class Child:
                 self._log_start = 0
 
 
-def exit_class(code: int, killed_by_us: bool) -> tuple[str, str]:
-    """Return class and words for how a child ended."""
-    if killed_by_us:
-        return "lost", "killed by the service because it did not answer"
+def exit_class(
+    code: int | None, cause: tuple[str, str] | None = None, memory_ran_out: bool = False
+) -> tuple[str, str]:
+    """Return class and words for how a child ended.
+
+    `lost` is nobody's fault; every other class is that of the work. `cause` is why the service
+    killed it, `memory_ran_out` that the kernel has killed for want of memory meanwhile.
+    """
+    if cause is not None:
+        return cause
+    if code is None:
+        return "lost", "killed, but the kernel does not give the process back"
+    if code == -signal.SIGKILL and memory_ran_out:
+        return "out_of_memory", "killed by the kernel for want of memory"
     if code == -signal.SIGKILL:
-        return "lost", "killed from outside (SIGKILL), perhaps for want of memory"
+        return "lost", "killed from outside (SIGKILL)"
     if code in (-signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP):
         return "lost", f"ended from outside ({signal.Signals(-code).name})"
     if code < 0:

@@ -75,7 +75,9 @@ POLL_S = 0.05
 SHARED_POLL_S = 0.5
 MIN_FREE_BYTES = 2 * 10**9
 # What a child reports of itself, not of the request.
-BREAKDOWNS = ("lost", "signal", "python_error", "out_of_memory", "disk_full")
+BREAKDOWNS = (
+    "lost", "signal", "python_error", "out_of_memory", "memory_limit", "unresponsive", "disk_full",
+)  # fmt: skip
 MEMORY_SHARE = 8  # merging holds a film up to three times
 
 
@@ -90,6 +92,8 @@ def open_engine(
     min_free_bytes: int = MIN_FREE_BYTES,
     rules: Rules | None = None,
     max_film_bytes: int | None = None,
+    child_memory_bytes: int | None = None,
+    claim_limit_s: float = 3600.0,
     work: str = DEFAULT_WORK,
 ) -> Engine:
     """Lock `data_dir`, migrate its store, resume its films, start the children.
@@ -99,7 +103,10 @@ def open_engine(
     (with `url` and `pid` of the holder), `StoreError` (store newer than the program, damaged, or
     on a network file system). Below `min_free_bytes` of free disk no new work is handed out;
     `rules` say how long results and films are kept;
-    films above `max_film_bytes` (an eighth of the memory) are refused. `work` names the module
+    films above `max_film_bytes` (an eighth of the memory) are refused. A child that uses more than
+    `child_memory_bytes`, or works on one claim for more than `claim_limit_s`, is killed, which
+    counts as a failed attempt (`memory_limit`, `time_limit`); by default only all children
+    together have a limit, three quarters of the memory. `work` names the module
     that renders; only tests give another.
     """
     threads = max(1, threads_per_child)
@@ -112,7 +119,8 @@ def open_engine(
         data.close()
         raise
     rules = replace(rules or Rules(), min_free_bytes=min_free_bytes)
-    options = Options(count, threads, work, min_free_bytes, rules)
+    limits = (child_memory_bytes or 0, claim_limit_s)
+    options = Options(count, threads, work, min_free_bytes, rules, *limits)
     engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
     if url is not None:
         engine.announce(url)

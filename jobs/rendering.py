@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import time
 from collections import OrderedDict
+from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from matiere.errors import Cancelled
 from matiere.jobs.artifacts import Artifacts, pack
 from matiere.jobs.job import JsonDict
 
@@ -22,10 +24,23 @@ class Renderer:
         self._pool = ThreadPoolExecutor(threads, thread_name_prefix="render")
         self._scenes: OrderedDict[str, Any] = OrderedDict()
 
-    def render(self, request: JsonDict, folder: Artifacts, flag: Any) -> JsonDict | None:
-        """Render the claimed chunks into one artifact; None if cancelled meanwhile."""
+    def render(
+        self,
+        request: JsonDict,
+        folder: Artifacts,
+        flag: Any,
+        reading: Callable[..., None] = lambda on: None,
+    ) -> JsonDict | None:
+        """Render the claimed chunks into one artifact; None if cancelled meanwhile.
+
+        `reading` is told when files begin to be read (`on=True`), which nothing stops, and when
+        they have been.
+        """
         start = time.monotonic()
-        scene = self._scene(request)
+        try:
+            scene = self._scene(request, flag, reading)
+        except Cancelled:
+            return None
         built = time.monotonic()
 
         def one(index: int) -> tuple[bytes, float] | None:
@@ -45,13 +60,19 @@ class Renderer:
         return {"digest": digest, "size": size, "seconds": sum(seconds),
                 "build_s": built - start, "render_s": now - built}  # fmt: skip
 
-    def _scene(self, request: JsonDict) -> Any:
+    def _scene(self, request: JsonDict, flag: Any, reading: Callable[..., None]) -> Any:
         key = request["film_key"]
         if key in self._scenes:
             self._scenes.move_to_end(key)
             return self._scenes[key]
+        reading(on=True)
         scene = self._work.open_scene(
-            request["scene"], request["assets"], request["replicates"], self._threads
+            request["scene"],
+            request["assets"],
+            request["replicates"],
+            self._threads,
+            flag,
+            lambda: reading(on=False),
         )
         self._scenes[key] = scene
         while len(self._scenes) > KEPT_SCENES:

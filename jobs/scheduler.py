@@ -10,7 +10,6 @@ import contextlib
 import logging
 import queue
 import shutil
-import signal
 import threading
 import time
 from collections import Counter
@@ -19,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from matiere.jobs.artifacts import Artifacts
-from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message, exit_class
+from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message
 from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import Busy, DiskFull, StoreError
 from matiere.jobs.film_work import FilmWork
@@ -32,7 +31,7 @@ from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
 from matiere.jobs.term import Term
 from matiere.jobs.utility_queue import CHECK, COMPARE, STABILITY, Question, UtilityQueue
-from matiere.jobs.warden import Warden
+from matiere.jobs.warden import Warden, press_cancels
 
 log = logging.getLogger("matiere.jobs.scheduler")
 
@@ -46,7 +45,7 @@ COMPARE_S = 120.0  # and for a comparison of nights
 CHECK_S = 10.0  # whoever asks the utility child something waits so long
 MAX_TRIES = 3
 MAX_LOSSES = 20
-TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
+PRESS_S = 0.01  # between looks at a child that was told to cancel
 RESTART_WAIT_S = (0.0, 0.0, 0.5, 1.0, 2.0, 5.0, 15.0)
 
 
@@ -60,6 +59,7 @@ class Held:
     samples: int
     sent: float
     cancelled: float | None = None
+    reading: bool = False  # its files are being decoded
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,8 @@ class Options:
     work: str
     min_free_bytes: int
     rules: Rules = field(default_factory=Rules)
+    child_memory_bytes: int = 0  # of one child; 0: only all together have a limit
+    claim_limit_s: float = 3600.0  # a child that works on one claim for longer is killed
 
 
 @dataclass
@@ -118,6 +120,7 @@ class Scheduler(threading.Thread):
         self._unsaved: list[Message] = []  # reports that met a full disk
         self._rates: dict[str, float] = {}  # geometry key -> samples per second of one child
         self._stopping = False
+        self._pressing = False  # a child was told to cancel and has not said that it did
         self._dirty = True  # the database changed: read queue and films again
         self._garbage = True
         self._checked = 0.0
@@ -233,7 +236,7 @@ class Scheduler(threading.Thread):
     def _receive(self) -> None:
         waiting, self._unsaved = self._unsaved, []
         with contextlib.suppress(queue.Empty):
-            item = self.inbox.get(timeout=TICK_S)
+            item = self.inbox.get(timeout=PRESS_S if self._pressing else TICK_S)
             while True:
                 if isinstance(item, Question):
                     self.utility.add_question(item)
@@ -254,7 +257,11 @@ class Scheduler(threading.Thread):
         elif child is self.utility.slot.child:
             self.utility.handle(body)
         elif body["op"] == "exit":
-            self._child_ended(child, body["code"])
+            if child.alive:  # else it was given up before
+                self._child_ended(child, body["code"])
+        elif body["op"] == "reading":
+            if (reader := child.inflight.get(body["token"])) is not None:
+                reader.reading = body["on"]
         elif (held := child.inflight.get(body["token"])) is not None:
             handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled}
             handler[body["op"]](child, held, body)
@@ -361,17 +368,28 @@ class Scheduler(threading.Thread):
             self.options.work,
             threads,
             self.options.children * self.options.threads,
+            self._warden.data_limit,
         )
         slot.child = Child(options, self.inbox)
         self.health.counters["children_started"] += 1
 
     def _keep_children(self, now: float, leads: bool) -> None:
+        self._pressing = False
         for slot in (*(self.slots if leads else ()), self.utility.slot):
+            if slot.child is not None and slot.child.escaped(now):
+                self.give_up(slot)
             if slot.child is None and now >= slot.not_before:
                 self.start_child(slot, self.options.threads)
             elif slot.child is not None:
                 slot.child.tick(now)
-                self._press_cancels(slot.child, now)
+                self._pressing |= press_cancels(slot.child, now)
+
+    def give_up(self, slot: Slot) -> None:
+        """Go on without a killed child that the kernel keeps: its token fences what it reports."""
+        if slot is self.utility.slot:
+            self.utility.handle({"op": "exit", "code": None})
+        elif slot.child is not None:
+            self._child_ended(slot.child, None)
 
     def _slot_of(self, child: Child) -> Slot:
         return next(slot for slot in self.slots if slot.child is child)
@@ -384,8 +402,8 @@ class Scheduler(threading.Thread):
         wait = RESTART_WAIT_S[min(slot.failures, len(RESTART_WAIT_S) - 1)]
         slot.child, slot.not_before = None, time.monotonic() + wait
 
-    def _child_ended(self, child: Child, code: int) -> None:
-        kind, words = exit_class(code, child.killed)
+    def _child_ended(self, child: Child, code: int | None) -> None:
+        kind, words = child.exit_class(code)
         tail = child.log_tail()
         log.warning("%s (pid %d) %s", child.name, child.pid, words)
         self.health.counters["children_lost"] += 1
@@ -399,13 +417,6 @@ class Scheduler(threading.Thread):
         if not child.ready:
             self.health.stuck = f"{child.name} does not start ({words}); see {self.data.logs}"
         self.retire(self._slot_of(child))
-
-    def _press_cancels(self, child: Child, now: float) -> None:
-        waits = [now - h.cancelled for h in child.inflight.values() if h.cancelled is not None]
-        if waits and max(waits) > KILL_AFTER_S:
-            child.kill()
-        elif waits and max(waits) > TERM_AFTER_S and not child.killed:
-            child.kill(signal.SIGTERM)
 
     def step_down(self) -> None:
         """Forget all work: another process may have it by now."""
@@ -495,7 +506,7 @@ class Scheduler(threading.Thread):
         for slot in self.slots:
             for held in list(slot.child.inflight.values()) if slot.child else []:
                 if held.film_id == film.id and held.cancelled is None and slot.child:
-                    held.cancelled = now
+                    held.cancelled, self._pressing = now, True
                     slot.child.send("cancel", token=held.token)
         if self._busy(film):
             self._dirty = True  # look again when the last report is in

@@ -253,11 +253,9 @@ class UtilityQueue:
         self._finish(task)
         self.sweeps_may_have_ended()
 
-    def _ended(self, code: int) -> None:
-        from matiere.jobs.children import exit_class
-
+    def _ended(self, code: int | None) -> None:
         assert self.slot.child is not None
-        kind, words = exit_class(code, self.slot.child.killed)
+        kind, words = self.slot.child.exit_class(code)
         tail = self.slot.child.log_tail()
         log.warning("utility child (pid %d) %s", self.slot.child.pid, words)
         self._scheduler.health.counters["children_lost"] += 1

@@ -2,28 +2,60 @@
 
 from __future__ import annotations
 
+import signal
 import time
 from typing import TYPE_CHECKING
 
+from matiere.jobs import procfs
+from matiere.jobs.children import Child
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.store import control, films
 
 if TYPE_CHECKING:
     from matiere.jobs.scheduler import Scheduler
 
+TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
+READING_KILL_S = 0.02  # the same while it reads files
 LOOK_S = 0.5  # between two looks at the deadlines
+CHILDREN_SHARE = 0.75  # of the memory, for all children together
+MIB = 2**20
+
+
+def press_cancels(child: Child, now: float) -> bool:
+    """Kill a child that does not obey a cancel; tell whether one is still to be obeyed.
+
+    C++ stops within milliseconds, while it builds too. Nothing stops the reading of files.
+    """
+    asked = [held for held in child.inflight.values() if held.cancelled is not None]
+    if not asked:
+        return False
+    waited = now - min(held.cancelled for held in asked)
+    first = next(iter(child.inflight.values()))
+    reading = first.cancelled is not None and first.reading
+    if waited > KILL_AFTER_S or (reading and now - first.cancelled > READING_KILL_S):
+        child.kill()
+    elif waited > TERM_AFTER_S and not child.killed:
+        child.kill(signal.SIGTERM)
+    return True
 
 
 class Warden:
-    """Keeps the deadlines of jobs."""
+    """Keeps the deadlines of jobs and the limits of children."""
 
     def __init__(self, scheduler: Scheduler) -> None:
-        """Watch the jobs of `scheduler`."""
+        """Watch the jobs and children of `scheduler`."""
         self._scheduler = scheduler
         self._looked = 0.0
+        self._all_bytes = int(CHILDREN_SHARE * procfs.usable_memory())
+
+    @property
+    def data_limit(self) -> int:
+        """RLIMIT_DATA of a child: its allocations fail there, so that it can say so itself."""
+        return self._scheduler.options.child_memory_bytes or self._all_bytes
 
     def look(self, now: float) -> None:
-        """End jobs that are late; `now` is monotonic, deadlines are of the wall clock."""
+        """End what is over its time or memory; `now` is monotonic, deadlines are wall clock."""
+        self._limits(now)
         if now - self._looked < LOOK_S:
             return
         self._looked = now
@@ -43,3 +75,37 @@ class Warden:
             s.films[film_id] = FilmWork(row, s.work, now)
         s.films[film_id].late.add(job_id)
         s.wake()
+
+    # -- limits ---------------------------------------------------------------------------------
+    def _limits(self, now: float) -> None:
+        options = self._scheduler.options
+        slots = (*self._scheduler.slots, self._scheduler.utility.slot)
+        alive = [s.child for s in slots if s.child is not None and not s.child.killed]
+        sizes = {child: procfs.rss_bytes(child.pid) for child in alive}
+        kills = procfs.oom_kills()
+        for child, size in sizes.items():
+            limit = options.child_memory_bytes
+            if limit and size > limit:
+                words = f"it used {size // MIB} MiB of memory; a child may use {limit // MIB} MiB"
+                child.kill(cause=("memory_limit", words))
+            elif self._works_too_long(child, now):
+                words = f"it worked on one claim for more than {options.claim_limit_s:g} s"
+                child.kill(cause=("time_limit", words))
+            else:
+                child.oom_kills = kills
+        if sum(sizes.values()) > self._all_bytes:
+            largest = max(alive, key=lambda child: sizes[child])
+            words = (
+                f"all children together used more than {self._all_bytes // MIB} MiB, this one "
+                f"{sizes[largest] // MIB} MiB; fewer --children leave more for each"
+            )
+            largest.kill(cause=("memory_limit", words))
+
+    def _works_too_long(self, child: Child, now: float) -> bool:
+        """Tell whether the claim at work, the oldest that the child holds, is over its time."""
+        first = next(iter(child.inflight), None)
+        if first != child.working:
+            child.working, child.working_since = first, now
+        return first is not None and now - child.working_since > (
+            self._scheduler.options.claim_limit_s
+        )

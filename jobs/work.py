@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -131,9 +131,15 @@ def cancel_token() -> _core.CancelToken:
 class OpenScene:
     """A built scene, ready to render chunks on several threads."""
 
-    def __init__(self, scene: Scene, threads: int) -> None:
-        """Build the acceleration structure and light tables."""
-        self._built = scene.build(threads)
+    def __init__(
+        self,
+        scene: Scene,
+        threads: int,
+        flag: _core.CancelToken | None = None,
+        on_read: Callable[[], None] | None = None,
+    ) -> None:
+        """Build the acceleration structure and light tables. Raises Cancelled by `flag`."""
+        self._built = scene.build(threads, flag, on_read)
         self._settings, self._plan = chunks.settings(scene.model), chunks.plan(scene.model)
 
     def render_chunk(self, index: int, flag: _core.CancelToken) -> bytes | None:
@@ -145,14 +151,23 @@ class OpenScene:
 
 
 def open_scene(
-    scene: Mapping[str, Any], assets: Mapping[str, Any], replicates: int, threads: int
+    scene: Mapping[str, Any],
+    assets: Mapping[str, Any],
+    replicates: int,
+    threads: int,
+    flag: _core.CancelToken | None = None,
+    on_read: Callable[[], None] | None = None,
 ) -> OpenScene:
-    """Load a pinned scene, its files checked against their digests, and build it."""
+    """Load a pinned scene, its files checked against their digests, and build it.
+
+    `on_read` is called when the files have been read; from then on `flag` stops it (Cancelled).
+    """
     from matiere.scene.load import load
 
     render = {**scene.get("render", {}), "replicates": replicates}
     pinned = {**scene, "render": render}
-    return OpenScene(load(pinned, asset_root=assets["root"], pins=assets["pins"]), threads)
+    loaded = load(pinned, asset_root=assets["root"], pins=assets["pins"])
+    return OpenScene(loaded, threads, flag, on_read)
 
 
 # -- folding (in the utility child) -------------------------------------------------------------

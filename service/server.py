@@ -258,6 +258,8 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 artifacts_url=settings.artifacts_url,
                 min_free_bytes=settings.min_free_bytes,
                 rules=settings.rules(),
+                child_memory_bytes=settings.child_memory_bytes,
+                claim_limit_s=settings.claim_limit_s,
             )
         )
         log_path = open_log(settings.data, settings.log_level)

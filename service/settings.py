@@ -61,6 +61,15 @@ class Settings(BaseModel):
         None, ge=1, le=1024, description="render processes; none: usable cores / threads_per_child"
     )
     threads_per_child: int = Field(1, ge=1, le=1024, description="render threads of each process")
+    child_memory_bytes: int | None = Field(
+        None,
+        ge=64 * 2**20,
+        description="memory a render process may use, in bytes; none: three quarters of the"
+        " machine's for all together",
+    )
+    claim_limit_s: float = Field(
+        3600.0, gt=0, description="longest work on one claim (about a second), in seconds"
+    )
     database_url: str | None = Field(None, description="job store; none: SQLite below `data`")
     artifacts_url: str | None = Field(
         None, description="object store of results (s3://bucket/prefix); none: below `data`"

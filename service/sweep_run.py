@@ -156,6 +156,8 @@ def own_service(settings: Settings) -> Iterator[Client]:
                 artifacts_url=settings.artifacts_url,
                 min_free_bytes=settings.min_free_bytes,
                 rules=settings.rules(),
+                child_memory_bytes=settings.child_memory_bytes,
+                claim_limit_s=settings.claim_limit_s,
             )
         )
         open_log(settings.data, settings.log_level)

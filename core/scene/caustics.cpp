@@ -232,10 +232,12 @@ struct Job {
     double area;  ///< that each photon stands for
 };
 
-Harvest shoot(const Scene& scene, const Job& job) {
+bool raised(const CancelToken* cancel) { return cancel != nullptr && cancel->cancelled(); }
+
+Harvest shoot(const Scene& scene, const Job& job, const CancelToken* cancel) {
     const FlushDenormals float_mode;
     Harvest harvest;
-    for (std::uint32_t i = 0; i < job.count; ++i) {
+    for (std::uint32_t i = 0; i < job.count && !raised(cancel); ++i) {
         Pcg32 rng(hash_words(kSeed, job.target, job.first + i));
         const SurfaceHit start = job.surface->sample(rng);
         Photon(scene, rng, harvest).run(start, float(job.area));
@@ -244,11 +246,13 @@ Harvest shoot(const Scene& scene, const Job& job) {
 }
 
 /// The harvests of all jobs in their order, however many threads there are.
-std::vector<Harvest> shoot_all(const Scene& scene, const std::vector<Job>& jobs, int threads) {
+std::vector<Harvest> shoot_all(const Scene& scene, const std::vector<Job>& jobs, int threads,
+                               const CancelToken* cancel) {
     std::vector<Harvest> out(jobs.size());
     std::atomic<std::size_t> next{0};
     const auto work = [&] {
-        for (std::size_t i = next++; i < jobs.size(); i = next++) out[i] = shoot(scene, jobs[i]);
+        for (std::size_t i = next++; i < jobs.size(); i = next++)
+            out[i] = shoot(scene, jobs[i], cancel);
     };
     if (threads <= 0) threads = int(std::thread::hardware_concurrency());
     std::vector<std::jthread> helpers;
@@ -289,7 +293,7 @@ std::vector<Job> share_out(const std::vector<SharpSurface>& surfaces,
 
 }  // namespace
 
-CausticScan trace_caustics(const Scene& scene, int threads) {
+CausticScan trace_caustics(const Scene& scene, int threads, const CancelToken* cancel) {
     if (scene.lights().empty() || !has_receiver(scene.materials())) return {};
     const std::vector<SharpSurface> surfaces = sharp_surfaces(scene);
     if (surfaces.empty()) return {};
@@ -298,7 +302,8 @@ CausticScan trace_caustics(const Scene& scene, int threads) {
     std::vector<Job> jobs;
     for (const SharpSurface& s : surfaces)
         jobs.push_back({&s, std::uint32_t(&s - surfaces.data()), 0, pilot, s.area() / pilot});
-    std::vector<Harvest> found = shoot_all(scene, jobs, threads);
+    std::vector<Harvest> found = shoot_all(scene, jobs, threads, cancel);
+    if (raised(cancel)) return {};
     double irradiance = 0;
     for (const Harvest& h : found) irradiance += h.irradiance;
     irradiance /= double(pilot) * double(surfaces.size());
@@ -308,7 +313,8 @@ CausticScan trace_caustics(const Scene& scene, int threads) {
     for (const Harvest& h : found) landed += h.landed.size();
     if (landed < kFewLanded) return {};
 
-    found = shoot_all(scene, share_out(surfaces, found, pilot), threads);
+    found = shoot_all(scene, share_out(surfaces, found, pilot), threads, cancel);
+    if (raised(cancel)) return {};
     keep_hard(found, threshold);
     CausticScan scan;
     scan.ordinary = irradiance;

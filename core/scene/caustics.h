@@ -10,6 +10,7 @@
 
 namespace matiere {
 
+class CancelToken;
 class LightLayer;
 class Scene;
 
@@ -29,7 +30,8 @@ struct CausticScan {
 
 /// Photons from the lights through sharp surfaces to diffuse ones. Empty where the scene has no
 /// such surfaces or no light that is hard to find that way. The same for any number of threads.
-CausticScan trace_caustics(const Scene& scene, int threads);
+/// Stops early, with nothing of use, once `cancel` (if given) is raised.
+CausticScan trace_caustics(const Scene& scene, int threads, const CancelToken* cancel);
 
 /// The guide to what the lights of a light layer leave.
 PhotonGuide guide_beside(CausticScan scan, const LightLayer& layer);

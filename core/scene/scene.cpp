@@ -85,6 +85,11 @@ std::vector<RectangleShape> portal_shapes(const std::vector<PortalDescription>& 
     return shapes;
 }
 
+void stop_if(const CancelToken* cancel) {
+    if (cancel != nullptr && cancel->cancelled())
+        throw SceneError("cancelled", "scene build was cancelled");
+}
+
 }  // namespace
 
 Scene::Scene(RenderDescription description, int threads, const CancelToken* cancel)
@@ -105,17 +110,21 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
         second_uv_ |= textures_[i].uv_set() == 1;
     }
 
+    stop_if(cancel);
     add_meshes(std::move(description.meshes));
+    stop_if(cancel);
     add_spheres(description.spheres);
     build_lights(description);
     if (const auto& b = description.backdrop)
         backdrop_.emplace(b->width, b->height, b->pixels, b->rotation_deg, b->scale);
     for (const auto& mesh : meshes_) accel_.add_mesh(mesh->positions, mesh->indices);
     if (!spheres_.empty()) accel_.add_spheres(spheres_);
+    stop_if(cancel);
     accel_.commit(cancel);
     if (interiors > 0) camera_interior_ = media_at(*this, camera_->origin());
     const auto built = std::chrono::steady_clock::now();
-    CausticScan scan = trace_caustics(*this, threads);
+    CausticScan scan = trace_caustics(*this, threads, cancel);
+    stop_if(cancel);
     caustics_ = std::move(scan.guide);
     for (const bool all : {false, true}) light_layers_[all] = LightLayer(*this, scan.hard, all);
     if (!light_layers_[0].empty())

@@ -31,7 +31,8 @@ struct SceneStats {
 
 class Scene {
  public:
-    /// Throws SceneError. `threads` is for the build alone (0: all processors).
+    /// Throws SceneError, with the code "cancelled" once `cancel` is raised. `threads` is for the
+    /// build alone (0: all processors).
     Scene(RenderDescription description, int threads, const CancelToken* cancel = nullptr);
 
     RayHit intersect(const Ray& ray) const { return accel_.intersect(ray); }

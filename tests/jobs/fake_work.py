@@ -12,13 +12,14 @@ import os
 import signal
 import threading
 import time
+from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from matiere.errors import AssetChanged, Fault, SceneValidationError
+from matiere.errors import AssetChanged, Cancelled, Fault, SceneValidationError
 
 OPEN_ENDED_SPP = 2**20
 TILE = 8
@@ -165,10 +166,34 @@ def misdeed(scene: JsonDict, index: int) -> None:
         raise RuntimeError("told to raise")
     if wanted["kind"] == "hang":
         time.sleep(1e6)
+    if wanted["kind"] == "spin":
+        while True:
+            pass
+    if wanted["kind"] == "deaf":  # a loop in C that holds the interpreter: no other thread runs
+        sum(range(10**15))
+    if wanted["kind"] == "hog":
+        hoard = [np.zeros(2**23) for _ in range(10**4)]  # 64 MiB each
+        raise AssertionError(f"{len(hoard)} pieces fit")
+    if wanted["kind"] == "chatter":  # a gigabyte of log
+        line = b"x" * (2**20 - 1) + b"\n"
+        for _ in range(1024):
+            os.write(2, line)
+        return
     os.kill(os.getpid(), getattr(signal, wanted["kind"]))
 
 
-def open_scene(scene: JsonDict, assets: JsonDict, replicates: int, threads: int) -> FakeScene:
+def open_scene(
+    scene: JsonDict,
+    assets: JsonDict,
+    replicates: int,
+    threads: int,
+    flag: Any = None,
+    on_read: Callable[[], None] = lambda: None,
+) -> FakeScene:
+    time.sleep(scene.get("read_s", 0.0))
+    on_read()
+    if flag is not None and flag.wait(scene.get("build_s", 0.0)):
+        raise Cancelled("cancelled while building")
     for name, digest in assets["pins"].items():
         if _sha(Path(assets["root"]) / name) != digest:
             raise AssetChanged([Fault("/files", "asset_changed", f"{name} changed")])
@@ -257,3 +282,9 @@ def engines() -> JsonDict:
 
 def make_sheet(cells: list[JsonDict], request: JsonDict) -> bytes:
     return json.dumps([[c["label"], bool(c["image"])] for c in cells]).encode()
+
+
+if "FAKE_CRASH" in os.environ:  # see crash_points.py
+    import crash_points
+
+    crash_points.install()

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 import json
 import threading
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydantic import BaseModel
 
-from matiere.errors import AssetChanged, Fault, SceneValidationError, pointer
+from matiere.errors import AssetChanged, Cancelled, Fault, SceneValidationError, pointer
 from matiere.scene import references
 from matiere.scene.assets import AssetRoot
 from matiere.scene.materials import MaterialModel
@@ -94,20 +94,31 @@ class Scene:
         self._notes, self._center = flattened.notes, flattened.center
         return flattened
 
-    def build(self, threads: int = 0) -> _core.Scene:
+    def build(
+        self,
+        threads: int = 0,
+        cancel: _core.CancelToken | None = None,
+        on_read: Callable[[], None] | None = None,
+    ) -> _core.Scene:
         """Return the core's scene (acceleration structure, light tables); kept once built.
 
-        `threads` is the number of threads that build, 0 for one per usable core. Raises
-        SceneValidationError for what only building can find out.
+        `threads` is the number of threads that build, 0 for one per usable core. `cancel`, raised
+        by another thread, stops the building; `on_read` is called when all files have been read,
+        which it does not stop. Raises SceneValidationError for what only building can find out,
+        and Cancelled.
         """
         from matiere import _core
 
         with self._lock:
             if self._built is None:
                 description = self._flatten().description
+                if on_read is not None:
+                    on_read()
                 try:
-                    self._built = _core.Scene(description, threads)
+                    self._built = _core.Scene(description, threads, cancel)
                 except _core.SceneError as error:
+                    if getattr(error, "code", "") == "cancelled":
+                        raise Cancelled("the building of the scene was cancelled") from None
                     code = str(getattr(error, "code", "invalid_scene"))
                     where = str(getattr(error, "pointer", ""))
                     why = str(getattr(error, "message", error))
