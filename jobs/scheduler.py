@@ -59,7 +59,7 @@ class Held:
     samples: int
     sent: float
     cancelled: float | None = None
-    reading: bool = False  # its files are being decoded
+    phase: str = "given"  # then "reading" its files, then "working": building, rendering
 
 
 @dataclass(frozen=True)
@@ -261,7 +261,7 @@ class Scheduler(threading.Thread):
                 self._child_ended(child, body["code"])
         elif body["op"] == "reading":
             if (reader := child.inflight.get(body["token"])) is not None:
-                reader.reading = body["on"]
+                reader.phase = "reading" if body["on"] else "working"
         elif (held := child.inflight.get(body["token"])) is not None:
             handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled}
             handler[body["op"]](child, held, body)

@@ -31,7 +31,7 @@ def press_cancels(child: Child, now: float) -> bool:
         return False
     waited = now - min(held.cancelled for held in asked)
     first = next(iter(child.inflight.values()))
-    reading = first.cancelled is not None and first.reading
+    reading = first.cancelled is not None and first.phase == "reading"
     if waited > KILL_AFTER_S or (reading and now - first.cancelled > READING_KILL_S):
         child.kill()
     elif waited > TERM_AFTER_S and not child.killed:

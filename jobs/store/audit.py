@@ -117,16 +117,11 @@ def _references(c: Connection) -> Iterator[str]:
         name: {str(i) for i in c.execute(sa.select(table.c.id)).scalars()}
         for name, table in owners.items()
     }
-    named: set[str] = set()
     for r in c.execute(sa.select(reference)):
-        named.add(r.digest)
         if states.get(r.digest) != "live":
             yield f"{r.owner} {r.owner_id} refers to {r.kind}, which is {states.get(r.digest)}"
         if r.owner in known and r.owner_id not in known[r.owner]:
             yield f"a {r.kind} is kept for {r.owner} {r.owner_id}, which is gone"
-    for digest, state in states.items():
-        if state == "live" and digest not in named:
-            yield f"artifact {digest} is kept for nobody"
 
 
 def _jobs(c: Connection) -> Iterator[str]:

@@ -25,8 +25,8 @@ from matiere.jobs.job import (
 )
 from matiere.jobs.store import dependencies, jobs, nights
 from matiere.jobs.store.events import emit
-from matiere.jobs.store.files import find_reference, mark_unreferenced
-from matiere.jobs.store.tables import film, job, job_history, reference, sweep
+from matiere.jobs.store.files import drop_references, find_reference
+from matiere.jobs.store.tables import film, job, job_history, sweep
 
 ACTIVE = [state.value for state in ACTIVE_STATES]
 PAUSED, QUEUED = JobState.PAUSED.value, JobState.QUEUED.value
@@ -152,9 +152,7 @@ def _start_over(c: Connection, job_ids: Sequence[str]) -> None:
     before = c.execute(sa.select(job.c.id, job.c.sweep_id, job.c.state, job.c.attempt).where(mine))
     rows = before.all()
     c.execute(sa.insert(job_history).from_select(["job_id", *kept], past))
-    files = (reference.c.owner == "job") & reference.c.owner_id.in_(job_ids)
-    dropped = sa.delete(reference).where(files).returning(reference.c.digest)
-    mark_unreferenced(c, c.execute(dropped).scalars().all())
+    drop_references(c, "job", job_ids)
     forgotten = ("started", "finished", "target_share", "ended_spp", "ended_seconds",
                  "ended_relmse", "ended_relmse_lower", "ended_relmse_upper", "stop_reason",
                  "error_code", "error_message", "error_pointer", "error_log")  # fmt: skip

@@ -26,8 +26,9 @@ from matiere.jobs.job import JobError
 from matiere.jobs.store import control, films, jobs, tables, views
 from matiere.jobs.store.audit import audit
 from matiere.jobs.store.database import Database
-from matiere.jobs.store.files import Blob, forget_deleted, pending_deletions
+from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Merged, Report
+from matiere.jobs.store.garbage import unlink_marked
 
 FILMS = 3  # of one tile; chunk k holds sample k of 8 x 8 pixels
 LAST = 4  # samples per pixel at most
@@ -325,7 +326,7 @@ class QueueMachine(RuleBasedStateMachine):
     def collect(self) -> None:
         for film in {j.film for j in self.model.values()}:
             self._write(films.drop_unmerged, film)
-        self._write(forget_deleted, self.db.read(pending_deletions))
+        self._write(unlink_marked, lambda digests: None, 100)
 
     # -- what must hold -------------------------------------------------------------------------
     @invariant()

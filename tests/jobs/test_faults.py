@@ -17,6 +17,7 @@ from matiere.jobs.children import Child, exit_class
 from matiere.jobs.job import Job
 from matiere.jobs.scheduler import MAX_LOSSES, MAX_TRIES
 from matiere.jobs.store import tables
+from matiere.jobs.store.audit import audit
 
 SLOW = SCENE | {"chunk_s": 0.02, "value": 7.0, "render": {"spp": 24}}
 MIB = 2**20
@@ -42,9 +43,9 @@ def superseded(engine: Engine) -> int:
 
 @pytest.fixture
 def short_lease(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Let a lease run out within two seconds."""
+    """Let a lease run out within three seconds."""
     monkeypatch.setattr(children, "PING_S", 0.2)
-    monkeypatch.setattr(children, "LEASE_S", 2.0)
+    monkeypatch.setattr(children, "LEASE_S", 3.0)
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +91,7 @@ def test_a_stopped_child_that_escapes_the_kill_is_fenced_off(
         assert after["reports_superseded"] == 1
         assert after["chunks_rendered"] == before["chunks_rendered"]
         assert report_of(engine, job.id)["sums"] == quiet_sums
-        folder = engine.data_dir / "artifacts"
-        wait_until(lambda: len([p for p in folder.glob("??/??/*") if p.is_file()]) == 5, 30)
+        assert engine._db.read(audit) == []
         escaped[0].close()
         wait_until(lambda: not alive(stopped))
 
@@ -104,7 +104,7 @@ def test_only_the_control_thread_renews_the_lease(tmp_path: Path) -> None:
         job = engine.wait_job(job.id, 90)
         assert job.error is not None
         assert (job.state, job.error.code) == ("failed", "unresponsive"), job.error
-        assert engine.status()["counters"]["children_lost"] == MAX_TRIES
+        assert engine.status()["counters"]["children_lost"] >= MAX_TRIES
 
 
 def test_the_lease_does_not_follow_the_clock_of_the_wall(
@@ -161,7 +161,7 @@ def test_what_is_killed_from_outside_is_tried_more_often_but_not_for_ever(
         assert job.error is not None
         assert (job.state, job.error.code) == ("failed", "lost")
         assert "5 attempts" in job.error.message
-        assert [kind for _, kind in attempts(engine)].count("lost") == 5
+        assert attempts(engine).count(("lost", "lost")) == 5
 
 
 @pytest.mark.slow
@@ -235,16 +235,28 @@ def _children(engine: Engine) -> list[Child]:
     return [slot.child for slot in engine._scheduler.slots if slot.child is not None]
 
 
+def at_work(engine: Engine) -> str:
+    """Return the phase of the oldest claim of the first busy child."""
+    held = (held for child in _children(engine) for held in list(child.inflight.values())[:1])
+    return next((h.phase for h in held), "")
+
+
 # -- cancel -------------------------------------------------------------------------------------
 @pytest.mark.parametrize("phase", ["chunk_s", "build_s", "read_s"])
-def test_a_cancel_is_obeyed_in_every_phase(engine: Engine, phase: str) -> None:
+def test_a_cancel_is_obeyed_in_every_phase(tmp_path: Path, phase: str) -> None:
     """While it renders or builds the flag stops it; while it reads files the child is killed."""
-    wait_until(lambda: engine.readiness().ready)
+    with open_engine(tmp_path, children=1, **FAKE) as engine:
+        wait_until(lambda: engine.readiness().ready)
+        cancel_three_times(engine, phase)
+
+
+def cancel_three_times(engine: Engine, phase: str) -> None:
+    """Cancel jobs in a phase and see that it is obeyed, and nobody blamed."""
     spent = []
     for n in range(3):
         job = engine.submit_job(SCENE | {phase: 30.0, "value": 50.0 + n})
         child = wait_until(lambda: busy_child(engine))
-        time.sleep(0.3)
+        wait_until(lambda: at_work(engine) == ("reading" if phase == "read_s" else "working"))
         begin = time.monotonic()
         engine.cancel_job(job.id)
         if phase == "read_s":
@@ -253,7 +265,7 @@ def test_a_cancel_is_obeyed_in_every_phase(engine: Engine, phase: str) -> None:
         spent.append(time.monotonic() - begin)
     print(f"{phase}: cancelled in {[f'{1000 * s:.0f} ms' for s in spent]}")
     lost = engine.status()["counters"].get("children_lost", 0)
-    assert (lost == 0) if phase != "read_s" else (lost >= len(spent))
+    assert lost == (len(spent) if phase == "read_s" else 0)
     assert min(spent) < 0.9, "within the flag's time, before SIGTERM"
     other = engine.wait_job(engine.submit_job(SCENE | {"value": 60.0}).id, 60)
     assert other.state == "succeeded"
