@@ -27,6 +27,7 @@ def start(tmp_path: Path) -> tuple[subprocess.Popen[bytes], int, int]:
     report_read, report_write = os.pipe()
     command = [sys.executable, "-m", "matiere.jobs.child", "--control", str(control_read)]
     command += ["--report", str(report_write), "--artifacts", str(tmp_path), "--work", "fake_work"]
+    command += ["--data", str(tmp_path)]
     command += ["--threads", "1", "--slots", "1", "--parent", str(os.getpid())]
     child = subprocess.Popen(command, pass_fds=(control_read, report_write), start_new_session=True)
     os.close(control_read)
