@@ -305,24 +305,28 @@ def _notes(report: Mapping[str, Any], tested: Sequence[_Tested]) -> list[str]:
         found.append("a night holds films of more than one engine")
     if cells["compared"] - cells["paired"] > 0:
         found.append(
-            f"{cells['compared'] - cells['paired']} cells were rendered with other seeds or "
-            "replicates: nothing of their noise cancels, smaller changes stay hidden"
+            f"{_cells(cells['compared'] - cells['paired'])} other seeds or replicates than before: "
+            "nothing of the noise cancels, smaller changes stay hidden"
         )
     unequal = sum(t.a["spp"] != t.b["spp"] for t in tested)
     if unequal:
-        found.append(f"{unequal} cells differ in samples per pixel")
+        found.append(f"{_cells(unequal)} other samples per pixel than before")
     shared = sum(t.shared for t in tested)
     if shared:
         found.append(
-            f"{shared} cells trace light from the lamps, so that pixels share their noise: they "
-            "are judged by their few replicates alone and show large changes only; more "
-            "'replicates' in the scene's render section help"
+            f"{_cells(shared)} light traced from the lamps: pixels share their noise; judged "
+            "by few replicates alone, they show large changes only; more 'replicates' in the "
+            "scene's render section help"
         )
     if cells["new"] and cells["missing"] and not cells["compared"]:
         found.append("the nights have no cell in common: were axes renamed or values changed?")
     if report["tests_unknown"]:
         found.append(f"{report['tests_unknown']} tests tell nothing")
     return found
+
+
+def _cells(count: int) -> str:
+    return "1 cell has" if count == 1 else f"{count:,} cells have"
 
 
 def _exit_code(cells: Mapping[str, int]) -> int:

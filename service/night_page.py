@@ -152,20 +152,25 @@ def _effect_row(name: str, effect: Report) -> str:
 
 
 def _tile_map(change: Report) -> str:
-    """Draw the tiles as an SVG: colour by percent of luminance, framed where significant."""
+    """Draw the tiles as an SVG: colour by percent of luminance, framed where significant.
+
+    An image that was black has no percent: its tiles show the difference itself.
+    """
     tiles = change["tiles"]
-    values = [x for x in tiles["percent"] if x is not None]
+    black = change["percent"] is None
+    shown, unit = (tiles["difference"], "W/m²/sr") if black else (tiles["percent"], "%")
+    values = [x for x in shown if x is not None]
     limit = max((abs(x) for x in values), default=0.0) or 1.0
     width, height = tiles["columns"] * TILE, tiles["rows"] * TILE
     parts = [
-        f'<svg width="{width + 96}" height="{height + 26}" font-size="11" '
+        f'<svg width="{width + 136}" height="{height + 26}" font-size="11" '
         f'font-family="system-ui,sans-serif" role="img" aria-label="change of every tile">'
     ]
     framed = []
-    for number, (value, hit) in enumerate(zip(tiles["percent"], tiles["significant"], strict=True)):
+    for number, (value, hit) in enumerate(zip(shown, tiles["significant"], strict=True)):
         y, x = (TILE * k for k in divmod(number, tiles["columns"]))
         fill = "#ddd" if value is None else _colour(value / limit)
-        title = "no light before" if value is None else f"{value:+.3g} %"
+        title = "no light before" if value is None else f"{value:+.3g} {unit}"
         parts.append(
             f'<rect x="{x}" y="{y}" width="{TILE}" height="{TILE}" fill="{fill}">'
             f"<title>{title}</title></rect>"
@@ -180,7 +185,7 @@ def _tile_map(change: Report) -> str:
         colour = _colour(1.0 - 2.0 * share / max(height - 2, 1))
         parts.append(f'<rect x="{width + 10}" y="{share}" width="12" height="2" fill="{colour}"/>')
     for end, place in ((1.0, 10.0), (0.0, height / 2 + 4), (-1.0, height - 1.0)):
-        text = f"{end * limit:+.2g} %" if end else "0"
+        text = f"{end * limit:+.3g} {unit}" if end else "0"
         parts.append(f'<text x="{width + 27}" y="{place:g}">{text}</text>')
     parts.append(
         f'<text x="0" y="{height + 18}" fill="#5b6570">{change["width"]} x {change["height"]} '
