@@ -16,6 +16,7 @@ import time
 from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from urllib.parse import unquote, urlsplit
 
 from matiere.jobs.artifacts import ArtifactFolder, fsync_folder
 from matiere.jobs.errors import DiskFull, JobsError
@@ -108,12 +109,10 @@ def _copy_store(data: Path, target: Path, database_url: str | None) -> dict[str,
 
 
 def _dump_postgresql(url: str, file: Path) -> None:
-    plain = url.replace("postgresql+psycopg://", "postgresql://", 1)
-    command = ["pg_dump", "--format=custom", "--file", str(file)]
+    name, environment = _without_password(url)
+    command = ["pg_dump", "--format=custom", "--file", str(file), "--dbname", name]
     try:
-        done = subprocess.run(
-            [*command, "--dbname", plain], capture_output=True, text=True, check=False
-        )
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
     except FileNotFoundError:
         raise BackupError(
             "a PostgreSQL store is copied by pg_dump, which is not here: "
@@ -121,6 +120,17 @@ def _dump_postgresql(url: str, file: Path) -> None:
         ) from None
     if done.returncode != 0:
         raise BackupError(f"pg_dump failed: {done.stderr.strip()[-500:]}")
+
+
+def _without_password(url: str) -> tuple[str, dict[str, str]]:
+    """Return the URL for `pg_dump` and its environment: a command line is for all to read."""
+    parts = urlsplit(url)
+    environment = dict(os.environ)
+    if parts.password:
+        environment["PGPASSWORD"] = unquote(parts.password)
+    user, _, host = parts.netloc.rpartition("@")
+    place = f"{user.split(':')[0]}@{host}" if user else host
+    return parts._replace(scheme="postgresql", netloc=place).geturl(), environment
 
 
 def _copy_files(data: Path, target: Path, digests: dict[str, int]) -> tuple[int, int, int, int]:

@@ -12,7 +12,7 @@ from conftest_jobs import FAKE, SCENE, report_of, wait_until
 from postgres_server import binaries, shared_server
 
 from matiere.jobs import open_engine
-from matiere.jobs.backup import BackupError, backup
+from matiere.jobs.backup import BackupError, _without_password, backup
 
 SLOW = SCENE | {
     "value": 2.0,
@@ -68,6 +68,14 @@ def test_a_copy_is_refused_in_words(tmp_path: Path) -> None:
     with pytest.raises(BackupError, match="not empty"):
         backup(tmp_path / "data", tmp_path / "full")
     assert not (tmp_path / "full.part").exists()
+
+
+def test_a_password_is_not_on_the_command_line_of_pg_dump() -> None:
+    url, environment = _without_password("postgresql+psycopg://me:se%2Fcret@host:5433/db?x=1")
+    assert url == "postgresql://me@host:5433/db?x=1"
+    assert environment["PGPASSWORD"] == "se/cret"
+    socket = "postgresql://matiere@/t1?host=/tmp/x"
+    assert _without_password(socket)[0] == socket
 
 
 def test_a_postgresql_store_is_dumped_and_comes_back(tmp_path: Path) -> None:

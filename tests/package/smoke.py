@@ -38,6 +38,14 @@ def run(*command: str, status: int = 0) -> str:
     return text
 
 
+def check_migrations(package: Path) -> None:
+    """Every migration of the checkout is in the wheel, and the script that runs them."""
+    source = Path(__file__).resolve().parents[2] / "jobs" / "migrations"
+    wanted = {path.relative_to(source) for path in source.rglob("*.py")}
+    installed = package / "jobs" / "migrations"
+    assert wanted and wanted <= {path.relative_to(installed) for path in installed.rglob("*.py")}
+
+
 def main() -> None:
     """Render by command line and by Python, and ask for a command of the missing extra."""
     for name in SERVER_LIBRARIES:
@@ -55,6 +63,7 @@ def main() -> None:
         where = run(sys.executable, "-c", program).strip().splitlines()[-1]
         assert "site-packages" in where, where
         assert Path("out.exr").stat().st_size > 0
+        check_migrations(Path(where).parent)
         json.loads(run(MATIERE, "schema"))
         print(run(MATIERE, "info"))
         text = run(MATIERE, "serve", status=1)

@@ -50,15 +50,18 @@ def sweep_request(edge: int = EDGE) -> tuple[dict[str, Any], list[dict[str, Any]
 class Service:
     """One `matiere serve` process on a free port."""
 
-    def __init__(self, data: Path, children: int = 2, threads: int = 1) -> None:
-        """Start it and wait until it answers."""
+    def __init__(
+        self, data: Path, children: int = 2, threads: int = 1, database_url: str | None = None
+    ) -> None:
+        """Start it (with SQLite, or a PostgreSQL database) and wait until it answers."""
         data.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, "-m", "matiere.service", "serve", "--data", str(data)]
         command += ["--port", "0", "--children", str(children)]
         command += ["--threads-per-child", str(threads)]
         self.data = data
+        more = {"MATIERE_DATABASE_URL": database_url} if database_url else {}
         with (data / "serve.out").open("ab") as out:
-            self.process = subprocess.Popen(command, stdout=out, stderr=out)
+            self.process = subprocess.Popen(command, stdout=out, stderr=out, env=os.environ | more)
         atexit.register(self.process.kill)  # also when the line fails half-way
         end = time.monotonic() + 120
         while not self._announced():

@@ -105,6 +105,26 @@ def test_jobs_accepted_before_sigterm_are_finished_after_the_next_start(tmp_path
         assert states == ["succeeded"] * 4
 
 
+def test_sigterm_ends_within_ten_seconds_whatever_a_chunk_takes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("MATIERE_DRAIN_TIMEOUT_S", "2")  # 8 by default
+    data = tmp_path / "data"
+    with serve(data, "--children", 2) as (serving, client):
+        endless = client.submit({**QUICK_SCENE, "chunk_s": 1000.0})
+        while client.job(endless.id).state == "queued":
+            time.sleep(0.02)
+        begin = time.monotonic()
+        assert serving.stop() == 0
+        took = time.monotonic() - begin
+        print(f"ended {took:.1f} s after SIGTERM, with 2 s for running chunks")
+        assert took < 10
+    with serve(data, "--children", 1) as (serving, client):
+        assert client.job(endless.id).state in ("queued", "running"), "kept, not failed"
+        assert client.cancel(endless.id).state == "cancelled"
+        assert serving.stop() == 0
+
+
 def test_draining_answers_503_and_a_second_signal_ends_at_once(tmp_path: Path) -> None:
     slow = {**QUICK_SCENE, "chunk_s": 5.0}
     with serve(tmp_path / "data", "--children", 1) as (serving, client):
