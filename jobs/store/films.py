@@ -392,7 +392,8 @@ def drop_unmerged(c: Connection, film_id: int) -> None:
     done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
     tokens = c.execute(done.values(state="cancelled").returning(attempt.c.id)).scalars().all()
     drop_attempts(c, tokens)
-    c.execute(sa.delete(chunk).where(chunk.c.film_id == film_id))
+    kept = chunk.c.state == CLAIMED  # its report may still come, or its child's death
+    c.execute(sa.delete(chunk).where(chunk.c.film_id == film_id, ~kept))
     merged = sa.update(film).where(film.c.id == film_id)
     c.execute(merged.values(pixel_samples=film.c.width * film.c.height * film.c.prefix_spp))
 

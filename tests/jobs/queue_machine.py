@@ -30,7 +30,7 @@ from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Merged, Report
 from matiere.jobs.store.garbage import unlink_marked
 
-FILMS = 3  # of one tile; chunk k holds sample k of 8 x 8 pixels
+FILMS = 2  # of one tile; chunk k holds sample k of 8 x 8 pixels
 LAST = 4  # samples per pixel at most
 PIXELS = 64
 LEGAL = {
@@ -171,7 +171,9 @@ class QueueMachine(RuleBasedStateMachine):
     @precondition(lambda self: self.model)
     @rule(data=st.data())
     def requeue(self, data: st.DataObject) -> None:
-        job_id = self._pick(data)
+        self._requeue(self._pick(data))
+
+    def _requeue(self, job_id: str) -> None:
         job = self.model[job_id]
         try:
             found = self._write(control.requeue_job, job_id)
@@ -225,9 +227,12 @@ class QueueMachine(RuleBasedStateMachine):
     # -- children -------------------------------------------------------------------------------
     @rule(film=st.integers(1, FILMS), count=st.integers(1, 3))
     def claim(self, film: int, count: int) -> None:
+        self._claim(film, count)
+
+    def _claim(self, film: int, count: int) -> int | None:
         waiting = [j for j in self.model.values() if j.film == film and self._wants(j)]
         if not any(j.film == film for j in self.model.values()):
-            return
+            return None
         row = self.db.read(lambda c: films.load_film(c, film))
         taken = self.db.read(
             lambda c: c.execute(
@@ -238,7 +243,7 @@ class QueueMachine(RuleBasedStateMachine):
         )  # fmt: skip
         free = [k for k in range(row.prefix_chunks, LAST) if k not in taken][:count]
         if not free:
-            return
+            return None
         name = str(self.instance)
         token = self._write(films.claim, Claim(film, free, name, 1, 30.0))
         assert (token is not None) == bool(waiting)
@@ -246,9 +251,39 @@ class QueueMachine(RuleBasedStateMachine):
             self.tokens[token] = film
             for job in waiting:
                 job.state = "running"
+        return token if token is None else int(token)
 
-    def _attempt(self, data: st.DataObject) -> tuple[int, int, str, list[int]]:
-        token = data.draw(st.sampled_from(sorted(self.tokens)))
+    @rule(film=st.integers(1, FILMS), count=st.integers(1, LAST), merging=st.booleans())
+    def advance(self, film: int, count: int, merging: bool) -> None:
+        """A claim is rendered without incident, and perhaps merged."""
+        token = self._claim(film, count)
+        if token is not None:
+            held = self._attempt(token)[3]
+            report = Report(token, film, self._blob(), 0.1, PIXELS * len(held))
+            assert self._write(films.complete, report)
+        if merging:
+            self._merge(film)
+
+    @rule(film=st.integers(1, FILMS))
+    def poison(self, film: int) -> None:
+        """A film kills three children, one after the other."""
+        for _ in range(3):
+            token = self._claim(film, 1)
+            if token is not None:
+                self._lose(token, "failed")
+
+    @precondition(lambda self: self.model)
+    @rule(data=st.data())
+    def start_over(self, data: st.DataObject) -> None:
+        """Cancel a job whose images may be in the making, and requeue it at once."""
+        job_id = self._pick(data)
+        if self._write(jobs.cancel_job, job_id):
+            self._end(job_id, "cancelled")
+        self._requeue(job_id)
+        self._merge(self.model[job_id].film)
+        self._develop(job_id, 1)
+
+    def _attempt(self, token: int) -> tuple[int, int, str, list[int]]:
         film, t = self.tokens[token], tables
         state = self.db.read(
             lambda c: c.scalar(sa.select(t.attempt.c.state).where(t.attempt.c.id == token))
@@ -261,7 +296,7 @@ class QueueMachine(RuleBasedStateMachine):
     @rule(data=st.data())
     def report(self, data: st.DataObject) -> None:
         """A child reports, perhaps one that was given up long ago."""
-        token, film, state, held = self._attempt(data)
+        token, film, state, held = self._attempt(data.draw(st.sampled_from(sorted(self.tokens))))
         report = Report(token, film, self._blob(), 0.1, PIXELS * len(held))
         accepted = self._write(films.complete, report)
         assert accepted == (state == "running")
@@ -271,7 +306,10 @@ class QueueMachine(RuleBasedStateMachine):
     @rule(data=st.data(), how=st.sampled_from(["failed", "lost", "void", "cancelled"]))
     def lose(self, data: st.DataObject, how: str) -> None:
         """A child crashes, is killed, or gives its claim back."""
-        token, film, state, held = self._attempt(data)
+        self._lose(data.draw(st.sampled_from(sorted(self.tokens))), how)
+
+    def _lose(self, token: int, how: str) -> None:
+        token, film, state, held = self._attempt(token)
         self._write(films.give_back, Loss(token, film, how, "signal", "crashed"))
         if state != "running":
             return
@@ -285,6 +323,9 @@ class QueueMachine(RuleBasedStateMachine):
 
     @rule(film=st.integers(1, FILMS))
     def merge(self, film: int) -> None:
+        self._merge(film)
+
+    def _merge(self, film: int) -> None:
         if not any(j.film == film for j in self.model.values()):
             return
         row = self.db.read(lambda c: films.load_film(c, film))
@@ -306,7 +347,9 @@ class QueueMachine(RuleBasedStateMachine):
     @rule(data=st.data(), behind=st.integers(0, 1))
     def develop(self, data: st.DataObject, behind: int) -> None:
         """Images arrive, perhaps those of an earlier attempt."""
-        job_id = self._pick(data)
+        self._develop(self._pick(data), behind)
+
+    def _develop(self, job_id: str, behind: int) -> None:
         job = self.model[job_id]
         attempt = max(1, job.attempt - behind)
         done = self._write(jobs.finish_job, job_id, {"image.png": self._blob()}, attempt)

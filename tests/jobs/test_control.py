@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
-from conftest_jobs import FAKE, SCENE, report_of, wait_until
+from conftest_jobs import FAKE, SCENE, report_of, stored, wait_until
 
 from matiere.errors import SceneValidationError
 from matiere.jobs import Engine, JobState, open_engine
@@ -25,8 +25,9 @@ SLOW = SCENE | {"chunk_s": 0.05, "value": 2.0}
 
 
 @pytest.fixture
-def db(tmp_path: Path) -> Iterator[Database]:
-    database = Database(tmp_path / "store.sqlite")
+def db(tmp_path: Path, store: str) -> Iterator[Database]:
+    path = tmp_path / "store.sqlite"
+    database = Database(path, stored(path).get("database_url"))
     database.write(lambda c: films.void_dead(c, "first", 1))
     yield database
     database.close()
