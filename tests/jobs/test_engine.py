@@ -100,10 +100,16 @@ def test_cancelling_a_job_never_stops_a_film_another_wants(engine: Engine) -> No
         engine.artifact(other.id, "image.png")
 
 
+def at_work(engine: Engine) -> list[Any]:
+    """Return the claims that children work on."""
+    children = [slot.child for slot in engine._scheduler.slots if slot.child is not None]
+    return [held for child in children for held in list(child.inflight.values())[:1]]
+
+
 def test_cancel_stops_a_running_child_quickly(engine: Engine) -> None:
     job = engine.submit_job(SCENE | {"chunk_s": 30.0})
     wait_until(lambda: any(c["claims"] for c in engine.status()["children"]))
-    time.sleep(0.1)
+    wait_until(lambda: {held.phase for held in at_work(engine)} == {"working"})
     start = time.monotonic()
     engine.cancel_job(job.id)
     wait_until(lambda: not any(c["claims"] for c in engine.status()["children"]))
