@@ -45,12 +45,16 @@ def check_disk(root: Path, need: int, evictable: Callable[[], int]) -> None:
         return
     if need > disk.total:
         why = (
-            f"this needs {need / 1e9:.1f} GB on the disk at once, which has {disk.total / 1e9:.1f} "
-            "GB in all; ask for fewer pixels, fewer replicates or fewer cells"
+            f"this needs {_size(need)} on the disk at once, which has {_size(disk.total)} in all; "
+            "ask for fewer pixels, fewer replicates or fewer cells"
         )
         raise SceneValidationError([Fault("/film", "disk_limit", why)])
     if need > disk.free + (spare := evictable()):
         raise OverQuota(
-            f"this needs {need / 1e9:.1f} GB on the disk, where {disk.free / 1e9:.1f} GB are free "
-            f"and {spare / 1e9:.1f} GB can be made free; wait for other jobs, or free space"
+            f"this needs {_size(need)} on the disk, where {_size(disk.free)} are free and "
+            f"{_size(spare)} can be made free; wait for other jobs, or free space"
         )
+
+
+def _size(size: int) -> str:
+    return f"{size / 1e9:.1f} GB" if size >= 10**8 else f"{size / 1e6:.1f} MB"

@@ -123,6 +123,9 @@ def test_a_low_disk_lets_idle_films_go(tmp_path: Path) -> None:
 def test_what_never_fits_is_refused_and_what_does_not_fit_now_too(
     engine: Engine, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert quota.disk_need([(32, 24, 2), (8, 8, 2)]) == (
+        3 * 32 * 24 * 2 * 56 + (32 * 24 + 64) * 40 + 40_000
+    )
     monkeypatch.setattr(quota, "BYTES_PER_SAMPLE_SUM", 2**50)
     with pytest.raises(SceneValidationError, match="on the disk at once") as caught:
         engine.submit_job(SCENE)
@@ -135,6 +138,3 @@ def test_what_never_fits_is_refused_and_what_does_not_fit_now_too(
         engine.submit_sweep(SCENE, [{"pointer": "/value", "values": [1, 2]}])
     assert late.value.code == "over_quota"
     assert engine.list_jobs() == [] and engine.list_sweeps() == []
-    monkeypatch.undo()
-    need = quota.disk_need([(32, 24, 2), (8, 8, 2)])
-    assert need == 3 * 32 * 24 * 2 * 56 + (32 * 24 + 64) * 40 + 40_000
