@@ -11,6 +11,10 @@ Far out in the tails, where tests of many thousand regions are decided, that alo
 
 - One group may carry nearly all variance and by chance show little of it: then p is far too small.
   So a change must also show when any one group is left out, p_without^2 <= p; the larger counts.
+- Rare samples of one brightness may be in every replicate of one night and in none of the other,
+  so that few replicates alone claim far too much. Where pixels share light paths, groups of pixels
+  must show the change as well as replicates; a region of a single group claims no more than the
+  ways of dealing its replicates allow.
 - Where the nights differ in samples, rare bright samples that only one of them has met look like a
   change. So the variance is never taken smaller than what both nights' samples say together.
 
@@ -32,6 +36,7 @@ if TYPE_CHECKING:
     from matiere.signature import Signature
 
 Figures = NDArray[np.float64]
+_Moments: TypeAlias = tuple[Figures, Figures, Figures]  # differences, variances, variances^2 / nu
 Pair: TypeAlias = "tuple[Signature, Signature]"  # of one cell, earlier and later
 ROUNDING = 1e-6  # relative differences below are rounding, not change
 WORTH_A_SECOND_LOOK = 0.05  # p above: leaving out groups cannot matter
@@ -111,20 +116,43 @@ def _compare_alike(pairs: Sequence[Pair], shared: bool, paired: bool) -> Iterato
 def _judge_regions(pairs: Sequence[Pair], image: bool, shared: bool, paired: bool) -> list[Figures]:
     """Test the whole images or all tiles; every array is (cells, regions, 3)."""
     a, b = pairs[0]
-    groups = 1 if shared else math.gcd(a.means.shape[2], b.means.shape[2])
+    groups = math.gcd(a.means.shape[2], b.means.shape[2])
     one = _contributions([before for before, _ in pairs], image, groups)
     two = _contributions([after for _, after in pairs], image, groups)
-    if image and shared:
-        one, two = one.sum(2, keepdims=True), two.sum(2, keepdims=True)
     base, other = one.sum(2).mean(0), two.sum(2).mean(0)
-    alone = _welch(_parts(one), _parts(two), a.spp, b.spp)
-    used = alone
+    floor = ROUNDING * np.maximum(abs(base), abs(other))
+    alone, used, p = _test(one, two, (a.spp, b.spp), paired, floor)
+    if shared:  # parts depend on each other: the region as a whole must show it too
+        whole = one.sum(2, keepdims=True), two.sum(2, keepdims=True)
+        alone, used, p_whole = _test(*whole, (a.spp, b.spp), paired, floor)
+        p = np.maximum(p, p_whole)
+    if one.shape[2] == 1:
+        p = np.maximum(p, _fewest_deals(len(one), len(two), paired))
+    all_of_them = [base, other - base, *_error(*used[1:]), p, *_error(*alone[1:])]
+    return [x.reshape(len(pairs), -1, 3) for x in all_of_them]
+
+
+def _test(
+    one: Figures, two: Figures, spp: tuple[int, int], paired: bool, floor: Figures
+) -> tuple[_Moments, _Moments, Figures]:
+    """Return what unrelated seeds would give, what is used, and its p-values."""
+    alone = used = _welch(_parts(one), _parts(two), *spp)
     if paired:
         d = _parts(two - one)
         used = d.mean, d.variance, d.variance**2 / max(d.nu, 1)
-    p = _p_values(*used, floor=ROUNDING * np.maximum(abs(base), abs(other)))
-    all_of_them = [base, other - base, *_error(*used[1:]), p, *_error(*alone[1:])]
-    return [x.reshape(len(pairs), -1, 3) for x in all_of_them]
+    return alone, used, _p_values(*used, floor=floor)
+
+
+def _fewest_deals(replicates_a: int, replicates_b: int, paired: bool) -> float:
+    """Return the smallest p-value that replicates alone can claim, whatever their distribution.
+
+    A rare sample of one brightness may be in every replicate of one night and in none of the other:
+    without change that happens as often as dealing the replicates (or their signs) that way.
+    """
+    ways = 2 ** (replicates_a - 1)
+    if not paired:
+        ways = math.comb(replicates_a + replicates_b, replicates_a) // 2
+    return 1.0 / max(ways, 1)
 
 
 def _contributions(of: Sequence[Signature], image: bool, groups: int) -> Figures:
@@ -153,7 +181,7 @@ def _parts(contributions: Figures) -> _Parts:
     return _Parts(contributions.mean(0), variance, count - 1)
 
 
-def _welch(a: _Parts, b: _Parts, n: int, m: int) -> tuple[Figures, Figures, Figures]:
+def _welch(a: _Parts, b: _Parts, n: int, m: int) -> _Moments:
     """Return differences, variances and variances^2 / nu of every part, for unrelated seeds.
 
     n, m: samples per pixel of a and b.

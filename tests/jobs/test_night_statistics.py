@@ -101,6 +101,24 @@ def test_pixels_that_share_paths_are_judged_by_replicates_alone() -> None:
     assert blind.p.min() < 1e-3  # what would be claimed otherwise
 
 
+def test_one_speck_in_every_replicate_is_no_change() -> None:
+    """Seen among 20 pairs of nights: a lamp that one sample in a thousand meets; light layer."""
+    a = np.full((R, 8, 8, 3), 0.02) + noise(1, (R, 8, 8, 3), 1e-3) - 1.0
+    b = np.full((R, 8, 8, 3), 0.02) + noise(2, (R, 8, 8, 3), 1e-3) - 1.0
+    for replicate, (y, x) in enumerate([(0, 3), (0, 3), (0, 2), (0, 3)]):
+        b[replicate, y, x] = 22.5
+    for shared in (True, False):
+        found = statistics.compare_cells(made(a, shared=shared), made(b, shared=shared, seeds=(2,)))
+        assert found.p.min() > 1e-4, shared
+
+
+def test_a_single_pixel_claims_no_more_than_its_replicates_can_tell() -> None:
+    a, b = np.zeros((R, 4, 4, 3)), np.zeros((R, 4, 4, 3))
+    b[:, 0, 0] = 1.0
+    assert statistics.compare_cells(made(a), made(b, seeds=(2,))).p[1].min() == 1 / 35
+    assert statistics.compare_cells(made(a), made(b)).p[1].min() == 1 / 8
+
+
 # -- levels -------------------------------------------------------------------------------------
 def unequal(*weights: float) -> Draw:
     """Return normal noise whose scale differs from group to group."""
