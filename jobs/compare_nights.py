@@ -314,9 +314,9 @@ def _notes(report: Mapping[str, Any], tested: Sequence[_Tested]) -> list[str]:
     shared = sum(t.shared for t in tested)
     if shared:
         found.append(
-            f"{_cells(shared)} light traced from the lamps: pixels share their noise; judged "
-            "by few replicates alone, they show large changes only; more 'replicates' in the "
-            "scene's render section help"
+            f"{_cells(shared)} light traced from the lamps: pixels share their noise; as "
+            "the few replicates must show a change, only large ones are found; more 'replicates' "
+            "in the scene's render section help"
         )
     if cells["new"] and cells["missing"] and not cells["compared"]:
         found.append("the nights have no cell in common: were axes renamed or values changed?")
