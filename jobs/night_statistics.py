@@ -149,7 +149,7 @@ def _fewest_deals(replicates_a: int, replicates_b: int, paired: bool) -> float:
     A rare sample of one brightness may be in every replicate of one night and in none of the other:
     without change that happens as often as dealing the replicates (or their signs) that way.
     """
-    ways = 2 ** (replicates_a - 1)
+    ways = int(2 ** (replicates_a - 1))
     if not paired:
         ways = math.comb(replicates_a + replicates_b, replicates_a) // 2
     return 1.0 / max(ways, 1)
