@@ -394,11 +394,14 @@ class Scheduler(threading.Thread):
     def _slot_of(self, child: Child) -> Slot:
         return next(slot for slot in self.slots if slot.child is child)
 
-    def retire(self, slot: Slot) -> None:
-        """Empty a slot after its child ended; wait longer each time it dies without success."""
+    def retire(self, slot: Slot, kind: str) -> None:
+        """Empty a slot after its child ended; wait longer each time it fails without success.
+
+        One that worked and was killed from outside has not failed: the next begins at once.
+        """
+        slot.failures += not (kind == "lost" and slot.child is not None and slot.child.ready)
         if slot.child is not None:
             slot.child.alive = False
-        slot.failures += 1
         wait = RESTART_WAIT_S[min(slot.failures, len(RESTART_WAIT_S) - 1)]
         slot.child, slot.not_before = None, time.monotonic() + wait
 
@@ -416,7 +419,7 @@ class Scheduler(threading.Thread):
         child.inflight.clear()
         if not child.ready:
             self.health.stuck = f"{child.name} does not start ({words}); see {self.data.logs}"
-        self.retire(self._slot_of(child))
+        self.retire(self._slot_of(child), kind)
 
     def step_down(self) -> None:
         """Forget all work: another process may have it by now."""

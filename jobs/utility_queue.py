@@ -262,7 +262,7 @@ class UtilityQueue:
         if not self.slot.child.ready:
             where = self._scheduler.data.logs
             self._scheduler.health.stuck = f"the utility child does not start; see {where}"
-        self._scheduler.retire(self.slot)
+        self._scheduler.retire(self.slot, kind)
         if self._current is not None:
             task, limit = self._current[1], LIMIT_S[self._current[1].kind]
             if self._over_limit:
