@@ -187,7 +187,7 @@ class OutputFolder:
         """Write the contact sheet: the service's, or of a larger sweep pages of what is here."""
         if not any(job.state == "succeeded" for job in jobs):
             return []
-        if sweep.cells <= PAGE_CELLS:
+        if sweep.cells <= PAGE_CELLS and sweep.ended:
             client.fetch_contact_sheet(sweep.id, self.folder / SHEET)
             self._note(SHEET)
             return [SHEET]

@@ -17,6 +17,7 @@ from test_client_and_submit import finish_soon, run
 
 from matiere import imageio
 from matiere.jobs import sheet
+from matiere.jobs.job import JobState
 from matiere.jobs.sweep import parse_sweep
 from matiere.service import sweep_output, sweep_page
 from matiere.service.client import JobStatus, ServiceError, SweepStatus
@@ -281,6 +282,22 @@ def test_cells_are_chosen_by_what_their_values_are_called() -> None:
     conditions = [parse_condition("material == 'gold' and seconds < 3 and relmse > 0.01")]
     assert [j.cell for j in choose(sweep_of(6), jobs, conditions, None)] == [2]
     assert [j.cell for j in choose(sweep_of(6), jobs, [], {1, 5, 9})] == [1, 5]
+
+
+def test_what_a_running_sweep_has_can_be_fetched(
+    capsys: pytest.CaptureFixture[str], engine: FakeEngine, url: str, tmp_path: Path
+) -> None:
+    axes = [{"pointer": "/x", "values": [1, 2, 3]}]
+    sweep = engine.submit_sweep({"version": 1}, axes)
+    first = next(iter(engine.jobs))
+    engine.finish(first, JobState.SUCCEEDED)
+    code, said, err = run(
+        capsys, "fetch", sweep.id, "-o", tmp_path, "--where", "state == 'succeeded'",
+        "--kind", "json", "--url", url,
+    )  # fmt: skip
+    assert code == 0 and "1 of 3 cells" in err, err
+    assert "contact-sheet" not in said, "its sheet is drawn when all cells have ended"
+    assert [p.suffix for p in (tmp_path / "cells").iterdir()] == [".json"]
 
 
 # -- stability ----------------------------------------------------------------------------------
