@@ -186,6 +186,14 @@ class Storage:
                 count += gone
         return count
 
+    def strangers_before(self, begun: float) -> float:
+        """Return the time before which a file that no row knows is nobody's.
+
+        That is when this process began, as it is alone; where other services may share the
+        artifacts, their children may be writing: a file gets the grace of the collector.
+        """
+        return begun - (self.rules.grace_hours * 3600.0 if self._db.shared else 0.0)
+
     def remove_strangers(self, before: float, stopped: Callable[[], bool]) -> int:
         """Unlink files older than `before` that no row knows: their makers were killed."""
         folder, count = self._data.artifacts, 0
@@ -283,7 +291,9 @@ class Janitor(threading.Thread):
 
     def run(self) -> None:
         """Remove what killed children left, then collect again and again."""
-        self._try(lambda: self._storage.remove_strangers(self._begun, self._ended.is_set))
+        if self._leads():
+            before = self._storage.strangers_before(self._begun)
+            self._try(lambda: self._storage.remove_strangers(before, self._ended.is_set))
         while not self._ended.is_set():
             self._wanted.wait(COLLECT_EVERY_S)
             self._wanted.clear()

@@ -21,6 +21,7 @@ from matiere.jobs.errors import (
     JobNotFound,
     NotReadyYet,
 )
+from matiere.jobs.rules import Rules
 
 pytestmark = pytest.mark.usefixtures("store")
 
@@ -217,7 +218,7 @@ def test_files_nobody_heard_of_are_removed_at_the_next_start(tmp_path: Path) -> 
         (tmp_path / "artifacts" / "tmp" / "half").write_bytes(b"x")
         kept = Path(engine.artifact(job.id, "image.png").path)
     time.sleep(0.05)
-    with open_engine(tmp_path, children=1, **FAKE) as engine:
+    with open_engine(tmp_path, children=1, rules=Rules(grace_hours=0.0), **FAKE) as engine:
         left = engine._data.artifacts.path(digest)
         wait_until(lambda: not left.exists())
         assert kept.exists()

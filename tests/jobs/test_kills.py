@@ -204,7 +204,7 @@ def test_a_full_disk_delays_jobs_and_loses_none(
     small_disk: Path, store: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with open_engine(small_disk / "data", children=2, **FAKE) as engine:
-        done = engine.wait_job(engine.submit_job(SCENE).id, 30)
+        done = engine.wait_job(engine.submit_job(SCENE).id, 120)
         job = engine.submit_job(SLOW | {"value": 8.0, "width": 64, "height": 64})
         ballast = small_disk / "ballast"
         fill(ballast)
@@ -223,7 +223,7 @@ def test_a_full_disk_delays_jobs_and_loses_none(
                     engine.submit_job(SCENE | {"value": 100.0 + i, "note": "x" * 5000}, priority=0)
         accepted = len(engine.list_jobs(limit=2000))
         ballast.unlink()
-        job = engine.wait_job(job.id, 30)
+        job = engine.wait_job(job.id, 120)
         assert job.state == "succeeded"
         assert report_of(engine, job.id)["min_count"] == 24
         wait_until(lambda: engine.readiness().ready)
@@ -232,7 +232,7 @@ def test_a_full_disk_delays_jobs_and_loses_none(
             engine.cancel_job(job.id)
         assert len(engine.list_jobs(limit=2000)) == accepted, "refused ones left nothing"
         assert (
-            engine.wait_job(engine.submit_job(SCENE | {"value": 9.0}).id, 30).state == "succeeded"
+            engine.wait_job(engine.submit_job(SCENE | {"value": 9.0}).id, 120).state == "succeeded"
         )
 
 

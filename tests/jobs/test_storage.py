@@ -265,6 +265,11 @@ def test_a_stranger_that_is_recorded_meanwhile_stays(
     assert not shelf.data.artifacts.path(lost.digest).exists()
 
 
+def test_where_services_share_a_store_strangers_have_their_grace(shelf: Shelf) -> None:
+    grace = 24 * 3600.0 if shelf.db.shared else 0.0
+    assert shelf.storage.strangers_before(1e9) == 1e9 - grace
+
+
 # -- a running service --------------------------------------------------------------------------
 def test_an_evicted_film_is_rendered_again_to_the_same_bits(tmp_path: Path, store: str) -> None:
     rules = Rules(film_bytes=0)
