@@ -125,10 +125,9 @@ class Child:
         flag = self.work.cancel_token()
         with self._lock:
             self._current = (token, flag)
-            if token in self._cancelled:
-                flag.cancel()
+            unwanted = token in self._cancelled
         try:
-            answer = self._answer(request, flag)
+            answer = None if unwanted else self._answer(request, flag)
         except BaseException as error:
             self.reports.send("failed", token=token, **describe(error))
         else:

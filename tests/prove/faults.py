@@ -19,6 +19,8 @@ from pathlib import Path
 import numpy as np
 from _service import OUT, ROOT
 
+from matiere.jobs import Engine
+
 JOBS = ROOT / "tests" / "jobs"
 RUNS, SLICE = 2000, 100
 SUITES = ("test_faults.py", "test_crash_points.py", "test_shuffle.py")
@@ -73,6 +75,12 @@ def bumpy_mesh(path: Path, edge: int = 700) -> None:
     path.write_bytes(head.encode() + positions.astype("<f4").tobytes() + faces.tobytes())
 
 
+def phases(engine: Engine) -> list[str]:
+    """Return what the oldest claims of the children are at."""
+    children = [slot.child for slot in engine._scheduler.slots if slot.child is not None]
+    return [held.phase for child in children for held in list(child.inflight.values())[:1]]
+
+
 def cancels() -> dict[str, object]:
     """Measure, on an engine with one real child, how long after a cancel the child is free."""
     from matiere.jobs import open_engine
@@ -85,19 +93,21 @@ def cancels() -> dict[str, object]:
     material = next(iter(scene["materials"]))
     heavy = {**scene, "shapes": [*scene["shapes"],
              {"type": "mesh", "file": "bumpy.ply", "material": material}]}  # fmt: skip
-    found: dict[str, list[float]] = {"render": [], "load": []}
+    found: dict[str, list[float]] = {"render": [], "build": [], "read": []}
     with open_engine(data, children=1) as engine:
         while not engine.readiness().ready:
             time.sleep(0.1)
-        for n in range(12):
-            for name, document, pause in (
-                ("render", scene, 0.7), ("load", heavy, 0.2 + 0.25 * (n % 6)),
-            ):  # fmt: skip
+        for n in range(8):
+            for name, document, phase, pause in (
+                ("render", scene, "working", 0.5),
+                ("build", heavy, "working", 0.03 * n),
+                ("read", heavy, "reading", 0.03 * n),
+            ):
                 job = engine.submit_job(
                     {**document, "render": {"spp": 2**16, "seed": 1000 + n}}, stop={"spp": 2**16}
                 )
-                while not any(c["claims"] for c in engine.status()["children"]):
-                    time.sleep(0.005)
+                while phase not in phases(engine):
+                    time.sleep(0.002)
                 time.sleep(pause)
                 begin = time.monotonic()
                 engine.cancel_job(job.id)
