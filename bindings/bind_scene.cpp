@@ -253,7 +253,12 @@ void bind_description(py::module_& m) {
              py::arg("scale") = 1.0)
         .def("set_backdrop", &set_backdrop, py::arg("pixels"), py::arg("rotation_deg") = 0.0,
              py::arg("scale") = 1.0)
-        .def("set_constant_environment", &set_constant_environment, py::arg("radiance"));
+        .def("set_constant_environment", &set_constant_environment, py::arg("radiance"))
+        .def(
+            "share",
+            [](RenderDescription& d, const std::shared_ptr<Scene>& scene) { d.like = scene; },
+            py::arg("scene"),
+            "Take shapes, textures, environment and backdrop from a built scene.");
     bind_view(description);
 }
 

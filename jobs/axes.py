@@ -207,7 +207,7 @@ def _spaced(key: str, value: Any, at: str, most: int, faults: list[Fault]) -> li
         return [value[0]]
     steps = [i / (count - 1) for i in range(count)]
     if key == "linspace":
-        inner = [first + (last - first) * t for t in steps]
+        inner = [first + (last - first) * i / (count - 1) for i in range(count)]
     else:
         inner = [first * (last / first) ** t for t in steps]
     spaced = [first, *inner[1:-1], last]

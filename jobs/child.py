@@ -2,10 +2,10 @@
 
 A render child renders claims; the utility child is the same program asked other verbs. It never
 opens the database. It ends at once when its control pipe closes, so a killed service leaves no
-orphan. Requests: `{"op": "render"|"check"|"stability"|"merge"|"images"|"sheet", "token": n,
-...}`, `{"op": "cancel"|"ping", ...}`;
-reports: `{"op": "hello"|"pong"|"reading"|"done"|"failed"|"cancelled", "token": n, ...}`. While it
-is `reading` files a cancel cannot stop it: the service kills it then.
+orphan. Requests: `{"op": "render"|"batch"|"expand"|"check"|"stability"|"merge"|"images"|"sheet",
+"token": n, ...}`, `{"op": "cancel"|"ping", ...}`; reports:
+`{"op": "hello"|"pong"|"reading"|"begun"|"done"|"failed"|"cancelled", "token": n, ...}`. While it is
+`reading` files a cancel cannot stop it: the service kills it then.
 """
 
 from __future__ import annotations
@@ -24,6 +24,7 @@ import signal
 import sys
 import threading
 import traceback
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -94,6 +95,8 @@ class Child:
         self._cancelled: set[int] = set()
         self._current: tuple[int, Any] | None = None
         self._renderer: Any = None
+        self._batches: Any = None
+        self._sweeps: Any = None
 
     def run(self) -> None:
         """Serve requests until the control pipe closes; say hello when all is imported."""
@@ -150,6 +153,11 @@ class Child:
             reading = functools.partial(self.reports.send, "reading", token=request["token"])
             answer: JsonDict | None = self._renderer.render(request, self.folder, flag, reading)
             return answer
+        if request["op"] == "batch":
+            return self._batch(request, flag)
+        if request["op"] == "expand":
+            expanded: JsonDict = self._cells().expand(request)
+            return expanded
         if request["op"] == "merge":
             return merge.merge(self.work, request, self.folder)
         if request["op"] == "check":
@@ -157,24 +165,48 @@ class Child:
         if request["op"] == "stability":
             return utility.check_material(self.work, request)
         if request["op"] == "images":
-            return utility.make_images(self.work, request, self.folder)
+            return utility.make_images(self.work, self._cells(), request, self.folder)
         if request["op"] == "night":
             return utility.make_night(self.work, request, self.folder)
         if request["op"] == "compare":
             return utility.compare(request, self.folder)
         if request["op"] == "sheet":
-            return utility.make_sheet(self.work, request, self.folder)
+            return utility.make_sheet(self.work, self._cells(), request, self.folder)
         raise ValueError(f"unknown request {request['op']!r}")
+
+    def _cells(self) -> Any:
+        from matiere.jobs.cells import Sweeps
+
+        if self._sweeps is None:
+            self._sweeps = Sweeps(self.work, self.folder, partial(locate, self.data))
+        return self._sweeps
+
+    def _batch(self, request: JsonDict, flag: Any) -> JsonDict | None:
+        from matiere.jobs.batch import BatchRenderer
+
+        if self._batches is None:
+            sizes = self.threads, self.slots
+            self._batches = BatchRenderer(self.work, self._cells(), describe, *sizes)
+
+        def begun(film_id: int) -> None:
+            self.reports.send("begun", token=request["token"], film=film_id)
+
+        answer: JsonDict | None = self._batches.render(request, self.folder, flag, begun)
+        return answer
 
 
 def locate_assets(request: JsonDict, data: Path) -> None:
     """Find the assets of a film below the data directory, wherever that lies by now."""
-    if "root" not in (assets := request.get("assets") or {}):
-        return
-    root = data / assets["root"]  # an absolute one stays as it is
+    if "root" in (assets := request.get("assets") or {}):
+        assets["root"] = locate(data, assets["root"])
+
+
+def locate(data: Path, name: str) -> str:
+    """Return the folder of assets that a film calls `name`."""
+    root = data / name  # an absolute one stays as it is
     if not root.exists():  # written by an older matiere, in a directory that was moved
         root = data / "views" / root.name if root.parent.name == "views" else data / "assets"
-    assets["root"] = str(root)
+    return str(root)
 
 
 def describe(error: BaseException) -> JsonDict:

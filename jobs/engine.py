@@ -51,6 +51,7 @@ from matiere.jobs.errors import (
 from matiere.jobs.job import (
     ARTIFACT_MEDIA_TYPES,
     DEFAULT_PRIORITY,
+    IMAGES,
     Artifact,
     Check,
     Event,
@@ -63,7 +64,7 @@ from matiere.jobs.job import (
 from matiere.jobs.rules import Rules
 from matiere.jobs.scheduler import Options, Scheduler
 from matiere.jobs.storage import Janitor, Storage
-from matiere.jobs.store import events, files, films, jobs, views
+from matiere.jobs.store import batches, cells, events, files, films, jobs, views
 from matiere.jobs.store.database import Database
 from matiere.jobs.submission import Request, Submitter, body_hash
 from matiere.jobs.term import Term
@@ -284,7 +285,7 @@ class Engine(Controls, EngineNights):
         ends = deadlines.parse(deadline, time.time())
         request = Request(stop, assets or {}, priority, label, ends, tuple(after))
         spec = self._submitter.job(scene, request)
-        self.storage.check_room([spec])
+        self.storage.check_room([(spec.film.width, spec.film.height, spec.film.replicates)])
         job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
         self._scheduler.wake()
         return self.get_job(job_id)
@@ -342,11 +343,12 @@ class Engine(Controls, EngineNights):
             return self.get_sweep(known)
         ends = deadlines.parse(deadline, time.time())
         request = Request(stop, assets or {}, priority, label, ends, tuple(after))
-        spec, cells = self._submitter.sweep(
+        spec, rows = self._submitter.sweep(
             base, {"axes": axes, "mode": mode, **language}, request, columns
         )
-        self.storage.check_room(cells)
-        sweep_id = self._db.write(lambda c: jobs.submit_sweep(c, spec, cells, key))
+        sizes = [(row["width"], row["height"], row["replicates"]) for row in rows]
+        self.storage.check_room(sizes, spec.cells / len(rows))
+        sweep_id = self._db.write(lambda c: cells.submit_sweep(c, spec, rows, key))
         self._scheduler.wake()
         return self.get_sweep(sweep_id)
 
@@ -368,10 +370,14 @@ class Engine(Controls, EngineNights):
     def artifact(self, job_id: str, kind: str) -> Artifact:
         """Return `image.png`, `image.exr`, `report.json` or `error.svg` of an ended job.
 
-        Raises `JobNotFound` (no such job, or it failed or was cancelled) or `NotReadyYet`.
+        Those of a small cell of a sweep are made when they are first asked for. Raises
+        `JobNotFound` (no such job, or it failed or was cancelled), `NotReadyYet`, or `Busy` when
+        the child that makes images has no time for it.
         """
         job = self.get_job(job_id)
         blob = self._db.read(lambda c: files.find_reference(c, ("job", job_id), kind))
+        if blob is None and kind in IMAGES and kind in job.artifacts:
+            blob = self._develop(job_id)[kind]
         if blob is None and not job.state.final:
             raise NotReadyYet(f"job {job_id} is {job.state.value}; its {kind} comes at the end")
         return self._artifact(blob, kind, f"job {job_id} {job.state.value}, without {kind}")
@@ -494,6 +500,22 @@ class Engine(Controls, EngineNights):
             for size, cap, merged, done in begun
         )
         return {"films_begun": len(begun), "chunks_missing": missing}
+
+    def _develop(self, job_id: str) -> dict[str, files.Blob]:
+        """Have the images of a stored film made, and keep them."""
+        answer = self._scheduler.develop(job_id)
+        if not answer["faults"]:
+            made = {kind: files.Blob(*blob) for kind, blob in answer["files"].items()}
+            self._db.write(lambda c: files.add_references(c, ("job", job_id), made))
+            return made
+        fault = answer["faults"][0]
+        if fault["code"] == "damaged_file":
+            film = self._db.read(lambda c: files.find_reference(c, ("job", job_id), "film"))
+            if film is not None:
+                self._db.write(lambda c: batches.forget_prefix(c, film.digest))
+            why = f"{fault['message']}; submit the sweep again to have it rendered anew"
+            raise JobsError(why, code="damaged_file")
+        raise JobsError(fault["message"], code=fault["code"])
 
     def _artifact(self, blob: files.Blob | None, kind: str, why_not: str) -> Artifact:
         if blob is None:

@@ -11,6 +11,7 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
+from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.course import AdaptiveCourse, Course, is_adaptive
 from matiere.jobs.job import AGEING_S, JsonDict
 from matiere.jobs.store.files import Blob
@@ -19,7 +20,6 @@ from matiere.jobs.store.films import FilmRow
 MERGE_EVERY_S = 2.0  # progress and previews of long jobs
 MERGE_BYTES_PER_S = 20 * 2**20  # a large prefix is rewritten less often
 MERGE_BYTES = 64 * 2**20  # unmerged chunk files beyond this, or beyond two passes, are folded in
-BYTES_PER_SAMPLE_SUM = 56  # at most: 4 doubles per pixel and replicate, 3 of the light layer
 SECONDS_SLACK = 1.05
 
 
@@ -40,6 +40,7 @@ class FilmWork:
         self._work = work
         self.jobs = row.jobs
         self.prefix, self.prefix_chunks = row.prefix, row.prefix_chunks
+        self.record = row.prefix_record
         self.done = dict(row.done)
         self.files = dict(row.files)
         self.tries, self.losses = dict(row.tries), dict(row.losses)
@@ -188,6 +189,7 @@ class FilmWork:
             "replicates": self.row.replicates,
             "adaptive": self.adaptive,
             "prefix": self.prefix.digest if self.prefix else None,
+            "record": self.record,
             "files": [
                 {"digest": self.files[token].digest, "chunks": chunks}
                 for token, chunks in by_token.items()
@@ -216,7 +218,7 @@ class FilmWork:
             self.course.tell(course)
         if prefix is None:
             return
-        self.prefix, self.prefix_chunks = prefix, chunks
+        self.prefix, self.prefix_chunks, self.record = prefix, chunks, 0
         self.done = {i: token for i, token in self.done.items() if i >= chunks}
         left = set(self.done.values())
         self.files = {token: blob for token, blob in self.files.items() if token in left}

@@ -151,6 +151,8 @@ ARTIFACT_MEDIA_TYPES: Mapping[str, tuple[str, str]] = {
     "film": ("application/octet-stream", ".film"),
 }
 
+IMAGES = ("error.svg", "image.exr", "image.png", "report.json")  # what a film is developed to
+
 
 @dataclass(frozen=True)
 class Artifact:

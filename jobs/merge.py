@@ -1,4 +1,4 @@
-"""Fold chunk files into a film's prefix and apply the stop rules (utility child).
+"""Fold chunks into a film's prefix and apply the stop rules.
 
 The fold follows the film's course in double, so the prefix at a given spp has the same bits however
 the chunks were grouped, whoever rendered them and however often somebody was killed. Merging ends
@@ -7,9 +7,11 @@ at the first boundary where a job's stop rule fires: that job gets exactly this 
 
 from __future__ import annotations
 
+import time
 from collections.abc import Sequence
 from typing import Any
 
+from matiere.errors import Cancelled
 from matiere.jobs.artifacts import Artifacts, pack, unpack
 from matiere.jobs.course import AdaptiveCourse, Course
 from matiere.jobs.job import JsonDict
@@ -44,6 +46,55 @@ class ChunkSource:
         return records[place], header["seconds"][place]
 
 
+class MadeHere:
+    """Chunk records rendered when they are wanted, by the scene at hand."""
+
+    def __init__(self, scene: Any, flag: Any, slots: int, end: int) -> None:
+        """Render chunks below `end`; `slots` as in the seconds of any chunk."""
+        self._scene, self._flag, self._slots, self._end = scene, flag, slots, end
+        self.seconds = 0.0
+
+    def __contains__(self, index: int) -> bool:
+        """Tell whether a chunk is to be had."""
+        return index < self._end
+
+    def take(self, index: int) -> tuple[memoryview, float]:
+        """Return bytes and seconds of a chunk. Raises Cancelled."""
+        begin = time.monotonic()
+        data = self._scene.render_chunk(index, self._flag)
+        if data is None:
+            raise Cancelled("the render was cancelled")
+        seconds = (time.monotonic() - begin) / self._slots
+        self.seconds += seconds
+        return memoryview(data), seconds
+
+
+Source = ChunkSource | MadeHere
+
+
+def open_film(folder: Artifacts, digest: str, record: int) -> tuple[JsonDict, memoryview]:
+    """Return header and bytes of a stored film, alone in its file or one of many."""
+    header, records = unpack(folder.read(digest))
+    return header["films"][record] if "films" in header else header, records[record]
+
+
+class PackCache:
+    """Reads signatures out of files of many films, the last file kept open."""
+
+    def __init__(self, folder: Artifacts) -> None:
+        """Read from `folder`."""
+        self._folder = folder
+        self._digest, self._records = "", list[memoryview]()
+        self._films = 0
+
+    def signature(self, digest: str, record: int) -> bytes | None:
+        """Return the signature of one film; None in a file without. Raises DamagedFile."""
+        if digest != self._digest:
+            header, self._records = unpack(self._folder.read(digest))
+            self._digest, self._films = digest, len(header.get("films", ()))
+        return bytes(self._records[self._films + record]) if self._films else None
+
+
 class Prefix:
     """The merged film so far, with its log of error against time."""
 
@@ -55,9 +106,9 @@ class Prefix:
         self.chunks, self.seconds, self.log = 0, 0.0, list[JsonDict]()
         stored: memoryview | None = None
         if request["prefix"] is not None:
-            header, records = unpack(folder.read(request["prefix"]))
+            header, stored = open_film(folder, request["prefix"], request.get("record", 0))
             self.chunks, self.seconds = header["chunks"], header["seconds"]
-            self.log, stored = header["log"], records[0]
+            self.log = header["log"]
         self.fold = work.open_fold(self.plan, stored)
         self.course = AdaptiveCourse(self.plan, self.chunks, 0) if adaptive else Course(self.plan)
         self.decided()
@@ -74,7 +125,7 @@ class Prefix:
         self.course.tell(self.fold.course(COURSE))
         return self.course.news
 
-    def advance(self, source: ChunkSource) -> bool:
+    def advance(self, source: Source) -> bool:
         """Fold in the next whole round, if all its chunks are there."""
         wanted = range(self.chunks, self.course.following(self.chunks))
         if not wanted or not all(index in source for index in wanted):
@@ -108,6 +159,12 @@ class Prefix:
         """Return what is stored beside the film."""
         return {"spp": self.spp, "chunks": self.chunks, "seconds": self.seconds, "log": self.log}
 
+    def facts(self) -> JsonDict:
+        """Return what the database keeps of the film."""
+        row = self.log[-1] if self.log else {}
+        facts = {"spp": self.spp, "seconds": self.seconds}
+        return facts | {key: row.get(key) for key in ("relmse", "lower", "upper")}
+
 
 def merge(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Merge what is there up to the first boundary that ends a job; return the new state.
@@ -121,21 +178,29 @@ def merge(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
     start = prefix.chunks
     source = ChunkSource(folder, request["files"])
     shares: dict[str, float] = {}
-    ended = _ended(work, prefix, request["jobs"], shares) if prefix.chunks else []
-    while not ended and prefix.advance(source):
-        if any(work.look_due(prefix.plan, job["stop"], prefix.spp) for job in request["jobs"]):
-            prefix.look()
-        ended = _ended(work, prefix, request["jobs"], shares)
-    if ended and prefix.chunks:
-        prefix.look()
+    ended = settle(work, prefix, source, request["jobs"], shares)
     digest, size = None, 0
     if prefix.chunks > start:
         digest, size = folder.write(pack(prefix.header(), [prefix.fold.to_bytes()]))
-    facts = _facts(prefix)
+    return {"digest": digest, "size": size, "chunks": prefix.chunks, "facts": prefix.facts(),
+            "ended": ended, "shares": shares, "course": prefix.decided()}  # fmt: skip
+
+
+def settle(
+    work: Any, prefix: Prefix, source: Source, jobs: Sequence[JsonDict], shares: dict[str, float]
+) -> list[JsonDict]:
+    """Fold in what `source` has up to the first boundary that ends a job; return those that end."""
+    ended = _ended(work, prefix, jobs, shares) if prefix.chunks else []
+    while not ended and prefix.advance(source):
+        if any(work.look_due(prefix.plan, job["stop"], prefix.spp) for job in jobs):
+            prefix.look()
+        ended = _ended(work, prefix, jobs, shares)
+    if ended and prefix.chunks:
+        prefix.look()
+    facts = prefix.facts()
     for job in ended:
         job |= facts
-    return {"digest": digest, "size": size, "chunks": prefix.chunks, "facts": facts, "ended": ended,
-            "shares": shares, "course": prefix.decided()}  # fmt: skip
+    return ended
 
 
 def _ended(
@@ -159,9 +224,3 @@ def _ended(
         if reason is not None:
             found.append({"job_id": job["id"], "reason": reason})
     return found
-
-
-def _facts(prefix: Prefix) -> JsonDict:
-    row = prefix.log[-1] if prefix.log else {}
-    facts = {"spp": prefix.spp, "seconds": prefix.seconds}
-    return facts | {key: row.get(key) for key in ("relmse", "lower", "upper")}

@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from matiere.errors import Fault, SceneValidationError
+from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.errors import JobsError
-from matiere.jobs.film_work import BYTES_PER_SAMPLE_SUM
 
 FILM_COPIES = 3  # old prefix, one pass of chunk files, new prefix
 RESULT_BYTES_PER_PIXEL = 40  # EXR: eight floats; PNG: two bytes a channel at most
@@ -26,13 +26,16 @@ class OverQuota(JobsError):
     default_code = "over_quota"
 
 
-def disk_need(films: Iterable[tuple[int, int, int]]) -> int:
-    """Return the bytes that jobs of films (width, height, replicates) take at most at once."""
+def disk_need(films: Iterable[tuple[int, int, int]], times: float = 1.0) -> int:
+    """Return the bytes that jobs of films (width, height, replicates) take at most at once.
+
+    `times`: so many times the results, where the films are a sample of all.
+    """
     largest = results = 0
     for width, height, replicates in films:
         largest = max(largest, width * height * replicates * BYTES_PER_SAMPLE_SUM)
         results += width * height * RESULT_BYTES_PER_PIXEL + RESULT_BYTES
-    return FILM_COPIES * largest + results
+    return FILM_COPIES * largest + int(times * results)
 
 
 def check_disk(root: Path, need: int, evictable: Callable[[], int]) -> None:

@@ -18,11 +18,13 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from matiere.jobs.artifacts import Artifacts
+from matiere.jobs.batching import Batching
 from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message
 from matiere.jobs.datadir import DataDir
-from matiere.jobs.errors import Busy, DiskFull, StoreError
+from matiere.jobs.errors import DiskFull, StoreError
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import JobError, JsonDict
+from matiere.jobs.questions import Questions
 from matiere.jobs.rules import Rules
 from matiere.jobs.storage import Storage
 from matiere.jobs.store import files, films, jobs
@@ -30,7 +32,7 @@ from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
 from matiere.jobs.term import Term
-from matiere.jobs.utility_queue import CHECK, COMPARE, STABILITY, Question, UtilityQueue
+from matiere.jobs.utility_queue import Question, UtilityQueue
 from matiere.jobs.warden import Warden, press_cancels
 
 log = logging.getLogger("matiere.jobs.scheduler")
@@ -41,8 +43,6 @@ LEAST_CLAIM_S = 0.1  # the tail of a film is shared out, but not in smaller piec
 FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
 PIPELINE = 2  # claims a child may hold: one at work, one waiting
 MOST_CHUNKS = 4096  # of one claim
-COMPARE_S = 120.0  # and for a comparison of nights
-CHECK_S = 10.0  # whoever asks the utility child something waits so long
 MAX_TRIES = 3
 MAX_LOSSES = 20
 PRESS_S = 0.01  # between looks at a child that was told to cancel
@@ -60,6 +60,9 @@ class Held:
     sent: float
     cancelled: float | None = None
     phase: str = "given"  # then "reading" its files, then "working": building, rendering
+    kind: str = "chunks"  # of one film; or of `Batching`: "batch", "expand"
+    detail: Any = None  # of `Batching`
+    begun: int | None = None  # the film of a batch that the child is at
 
 
 @dataclass(frozen=True)
@@ -97,7 +100,7 @@ class Health:
     counters: Counter[str] = field(default_factory=Counter)
 
 
-class Scheduler(threading.Thread):
+class Scheduler(Questions, threading.Thread):
     """Runs until `stop`; `wake` makes it look at the database again."""
 
     def __init__(
@@ -115,6 +118,7 @@ class Scheduler(threading.Thread):
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
         self.utility = UtilityQueue(self, Slot("utility"))
         self._warden = Warden(self)
+        self.batching = Batching(self)
         self._examining = threading.Lock()  # held while a material is checked
         self._comparing = threading.Lock()  # held while nights are compared
         self._unsaved: list[Message] = []  # reports that met a full disk
@@ -130,53 +134,6 @@ class Scheduler(threading.Thread):
         """Say that jobs were submitted or cancelled."""
         self._dirty = True
         self.inbox.put(None)
-
-    def check_files(self, scene: JsonDict, assets: JsonDict) -> list[JsonDict]:
-        """Have the utility child read a scene's files; return the faults it finds.
-
-        When it has no time within a few seconds the answer is empty: whatever is wrong then fails
-        the job later, with the same pointer.
-        """
-        try:
-            faults: list[JsonDict] = self._ask(CHECK, {"scene": scene, "assets": assets})["faults"]
-        except TimeoutError:
-            return []
-        return faults
-
-    def check_material(self, request: JsonDict) -> JsonDict:
-        """Have the utility child make the stability report of a material.
-
-        One at a time: raises Busy while another is made, and when the child has no time for it.
-        The answer is that of `Question`.
-        """
-        if not self._examining.acquire(blocking=False):
-            raise Busy("the service is checking another material")
-        try:
-            return self._ask(STABILITY, request)
-        except TimeoutError:
-            raise Busy("the service is at other work (merging films, drawing images)") from None
-        finally:
-            self._examining.release()
-
-    def compare_nights(self, request: JsonDict) -> JsonDict:
-        """Have the utility child compare two nights; raises Busy when it has no time for it."""
-        if not self._comparing.acquire(blocking=False):
-            raise Busy("the service is comparing other nights")
-        try:
-            return self._ask(COMPARE, request, COMPARE_S)
-        except TimeoutError:
-            raise Busy("the service is at other work (merging films, drawing images)") from None
-        finally:
-            self._comparing.release()
-
-    def _ask(self, kind: int, request: JsonDict, patience_s: float | None = None) -> JsonDict:
-        question = Question(kind, request)
-        self.inbox.put(question)
-        try:
-            return question.answer.result(CHECK_S if patience_s is None else patience_s)
-        except TimeoutError:
-            question.answer.cancel()
-            raise
 
     def stop(self) -> None:
         """End the thread and its children."""
@@ -259,15 +216,17 @@ class Scheduler(threading.Thread):
         elif body["op"] == "exit":
             if child.alive:  # else it was given up before
                 self._child_ended(child, body["code"])
+        elif (held := child.inflight.get(body["token"])) is None:
+            if body["op"] == "done" and body.get("digest"):  # of a child that was given up
+                self._refuse(body["token"], Blob(body["digest"], body["size"]))
         elif body["op"] == "reading":
-            if (reader := child.inflight.get(body["token"])) is not None:
-                reader.phase = "reading" if body["on"] else "working"
-        elif (held := child.inflight.get(body["token"])) is not None:
+            held.phase = "reading" if body["on"] else "working"
+        elif body["op"] == "begun":
+            held.begun, held.phase = body["film"], "working"
+        else:
             handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled}
             handler[body["op"]](child, held, body)
             child.inflight.pop(held.token, None)
-        elif body["op"] == "done":  # of a child that was given up, and lives
-            self._refuse(body["token"], Blob(body["digest"], body["size"]))
 
     def _refuse(self, token: int, blob: Blob) -> None:
         self.db.write(lambda c: films.refuse(c, token, blob))
@@ -276,6 +235,11 @@ class Scheduler(threading.Thread):
 
     # -- reports of render children -------------------------------------------------------------
     def _done(self, child: Child, held: Held, body: JsonDict) -> None:
+        if held.kind != "chunks":
+            self._slot_of(child).failures = 0
+            taken = self.batching.rendered if held.kind == "batch" else self.batching.expanded
+            taken(held, body)
+            return
         blob = Blob(body["digest"], body["size"])
         if not self.folder.has(blob.digest, blob.size):
             self._give_back(held, Loss(held.token, held.film_id, "lost", "file_missing"))
@@ -306,6 +270,9 @@ class Scheduler(threading.Thread):
     def _failed(self, child: Child, held: Held, body: JsonDict) -> None:
         kind, message = body["error"], body["message"]
         self.health.counters[f"failed_{kind}"] += 1
+        if held.kind != "chunks":
+            self._batch_failed(child, held, body)
+            return
         if kind == "disk_full":
             self._give_back(held, Loss(held.token, held.film_id, "void", kind, message))
             self.pause_for_disk(message)
@@ -319,7 +286,19 @@ class Scheduler(threading.Thread):
         else:
             self._fail_if_hopeless(held, error)
 
+    def _batch_failed(self, child: Child, held: Held, body: JsonDict) -> None:
+        kind, message = body["error"], body["message"]
+        if kind == "disk_full":
+            self.batching.lost(held, "void", JobError(kind, message))
+            self.pause_for_disk(message)
+        else:
+            tail = "" if body["permanent"] else child.log_tail()
+            self.batching.lost(held, "failed", JobError(kind, message, body["pointer"], tail))
+
     def _cancelled(self, child: Child, held: Held, body: JsonDict) -> None:
+        if held.kind != "chunks":
+            self.batching.lost(held, "cancelled")
+            return
         self._give_back(held, Loss(held.token, held.film_id, "cancelled"))
 
     def _give_back(self, held: Held, loss: Loss) -> None:
@@ -413,6 +392,10 @@ class Scheduler(threading.Thread):
         for place, held in enumerate(list(child.inflight.values())):
             guilty = place == 0 and held.cancelled is None  # the others had not begun
             state = ("lost" if kind == "lost" else "failed") if guilty else "void"
+            if held.kind != "chunks":
+                error = JobError(kind, words, "", tail)
+                self.batching.lost(held, state, error if guilty else None)
+                continue
             self._give_back(held, Loss(held.token, held.film_id, state, kind, words, tail))
             if guilty:
                 self._fail_if_hopeless(held, JobError(kind, words, "", tail))
@@ -491,6 +474,11 @@ class Scheduler(threading.Thread):
             elif not film.jobs:
                 self._abandon(film)
         self.utility.read_queue()
+        self.batching.read_queue()
+
+    def dirty(self) -> None:
+        """Say that the database changed (from this thread)."""
+        self._dirty = True
 
     def _rest(self, film: FilmWork) -> None:
         """All who wait for a film are paused: what is being rendered ends, and all is kept."""
@@ -522,11 +510,27 @@ class Scheduler(threading.Thread):
         for depth in range(1, PIPELINE + 1):
             for slot in self.slots:
                 child = slot.child
-                if child is not None and child.ready and len(child.inflight) < depth:
-                    film = self._choose(child)
-                    if film is None:
-                        return
-                    self._claim(child, film, now)
+                if child is None or not child.ready or len(child.inflight) >= depth:
+                    continue
+                if not self._hand_to(child, now):
+                    return
+
+    def _hand_to(self, child: Child, now: float) -> bool:
+        """Give a child something to do; false if there is nothing."""
+        if (sweep := self.batching.expansion_due()) is not None:
+            held: Held | None = self.batching.expand(child, sweep, now)
+        else:
+            film, small = self._choose(child), self.batching.rank()
+            if film is None and small is None:
+                return False
+            if small is None or (film and (-film.urgency, film.jobs[0].id) < small):
+                assert film is not None
+                self._claim(child, film, now)
+                return True
+            held = self.batching.claim(child, now)
+        if held is not None:
+            child.inflight[held.token] = held
+        return True
 
     def _choose(self, child: Child) -> FilmWork | None:
         elsewhere = {

@@ -25,7 +25,6 @@ from matiere.jobs.job import JsonDict
 from matiere.jobs.rules import Rules
 from matiere.jobs.store import files, garbage
 from matiere.jobs.store.database import Database
-from matiere.jobs.store.jobs import JobSpec
 
 log = logging.getLogger("matiere.jobs.storage")
 
@@ -97,14 +96,13 @@ class Storage:
         """Keep a job or a sweep whatever its age (or no more); return which it is."""
         return self._db.write(lambda c: garbage.pin(c, name, pinned))
 
-    def check_room(self, specs: Iterable[JobSpec]) -> None:
-        """Raise if the disk has no room for jobs: see `quota.check_disk`."""
-        films = ((spec.film.width, spec.film.height, spec.film.replicates) for spec in specs)
+    def check_room(self, films: Iterable[tuple[int, int, int]], times: float = 1.0) -> None:
+        """Raise if the disk has no room for films as `quota.disk_need` takes them."""
 
         def evictable() -> int:
             return sum(film.size for film in self._db.read(lambda c: garbage.cold_films(c, 10**6)))
 
-        quota.check_disk(self._data.root, quota.disk_need(films), evictable)
+        quota.check_disk(self._data.root, quota.disk_need(films, times), evictable)
 
     # -- collecting ---------------------------------------------------------------------------
     def collect(self, *, dry_run: bool = False) -> Collected:

@@ -7,20 +7,22 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
-from matiere.jobs import sweep as sweeps
+from matiere.jobs.cells import OpenSweep, document, refuse_large, with_stop
 from matiere.jobs.datadir import DataDir
-from matiere.jobs.film_work import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.job import MAX_PRIORITY, MIN_PRIORITY, JsonDict
+from matiere.jobs.store.files import Blob
 from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
+from matiere.jobs.sweep import guess_columns, parse_sweep
 
 STOP_KEYS = ("spp", "seconds", "target_error")
 MAX_FAULTS = 100
-MAX_CELLS = 10_000
+FIRST_CELLS = 256  # become jobs in the transaction of the submission, the others as work goes on
+MOST_CHECKED = 1000  # cells that are checked before a sweep is accepted
 MAX_REMEMBERED = 10_000
 
 FileCheck = Callable[[JsonDict, JsonDict], list[JsonDict]]
@@ -60,59 +62,84 @@ class Submitter:
         raw: Mapping[str, Any],
         request: Request,
         columns: int | None,
-    ) -> tuple[SweepSpec, list[JobSpec]]:
-        """Return the rows of a sweep; every cell is checked, all faults are raised at once."""
+    ) -> tuple[SweepSpec, list[JsonDict]]:
+        """Return a sweep and the rows of its first cells; all faults found are raised at once.
+
+        Of up to MOST_CHECKED cells each is checked. Of more, those that hold, together, every value
+        of every axis (`SweepPlan.probes`), or as many; the others when they become jobs.
+        """
         _check_request(request)
-        plan = sweeps.parse_sweep(raw, base, max_cells=MAX_CELLS)
+        plan = parse_sweep(raw, base)
         files = self._files(request)
+        about = {
+            "stop": dict(request.stop) if request.stop else None,
+            "root": self._data.relative(files.root),
+            "pins": dict(request.assets),
+            "max_film_bytes": self._max_film_bytes,
+            "deadline": request.deadline,
+        }
+        opened = OpenSweep(self._work, plan, about, files)
+        rows = self._checked(opened, files, bool(request.assets))
+        if columns is None:
+            columns = guess_columns(plan.axes, plan.mode, len(plan))
+        digest, size = self._data.artifacts.write([document(plan, base, about)])
+        axes = [axis.to_dict() for axis in plan.axes]
+        spec = SweepSpec(
+            label=request.label,
+            mode=plan.mode,
+            axes=axes,
+            base=dict(base),
+            columns=columns,
+            cells=len(plan),
+            priority=request.priority,
+            plan=Blob(digest, size),
+            request=about,
+            after=request.after,
+            baseline=plan.baseline,
+        )
+        return spec, rows
+
+    def _checked(self, sweep: OpenSweep, files: Any, uploaded: bool) -> list[JsonDict]:
+        """Check cells and return the rows of the first; raises all faults at once."""
+        plan = sweep.plan
         faults: dict[tuple[str, str], Fault] = {}
-        specs: list[JobSpec] = []
-        for i in range(len(plan)):
-            mine = replace(request, label=plan.label(i))
+        rows: list[JsonDict] = []
+        wanted = range(len(plan)) if len(plan) <= MOST_CHECKED else _some(plan.probes())
+        for i in sorted({*range(min(len(plan), FIRST_CELLS)), *wanted}):
             try:
-                spec = self._specify(plan.scene(i), mine, files, i, plan.parameters(i))
+                facts = self._facts(sweep, i, files, uploaded)
             except SceneValidationError as error:
                 for fault in error.faults:
-                    placed = plan.blame(i, fault)
+                    placed = plan.blame(i, _on_stop(fault, sweep.request["stop"]))
                     faults.setdefault((placed.pointer, placed.message), placed)
                 if len(faults) > MAX_FAULTS:
                     break
             else:
-                specs.append(spec)
+                if i < FIRST_CELLS:
+                    rows.append(sweep.row(i, facts))
         if faults:
             raise SceneValidationError(list(faults.values())[:MAX_FAULTS])
-        if columns is None:
-            columns = sweeps.guess_columns(plan.axes, plan.mode, len(specs))
-        axes = [axis.to_dict() for axis in plan.axes]
-        made = SweepSpec(request.label, plan.mode, axes, dict(base), columns,
-                         request.after, plan.baseline)  # fmt: skip
-        return made, specs
+        return rows
+
+    def _facts(self, sweep: OpenSweep, cell: int, files: Any, uploaded: bool) -> JsonDict:
+        if uploaded:
+            for name in self._work.file_names(sweep.scene(cell)):
+                self._data.link_named(files.root, name)
+        facts = sweep.facts(cell)
+        self._read_files(facts, {"root": str(files.root), "pins": facts["pins"]})
+        return facts
 
     def _files(self, request: Request) -> Any:
         return self._work.asset_folder(self._data.view(request.assets), request.assets)
 
-    def _specify(
-        self,
-        scene: Mapping[str, Any],
-        request: Request,
-        files: Any,
-        cell: int | None = None,
-        parameters: JsonDict | None = None,
-    ) -> JobSpec:
+    def _specify(self, scene: Mapping[str, Any], request: Request, files: Any) -> JobSpec:
         for name in self._work.file_names(scene) if request.assets else ():
             self._data.link_named(files.root, name)
         try:
-            facts = self._work.inspect(_with_stop(scene, request.stop), files)
+            facts = self._work.inspect(with_stop(scene, request.stop), files)
         except SceneValidationError as error:
             raise SceneValidationError([_on_stop(f, request.stop) for f in error.faults]) from None
-        size = facts["width"] * facts["height"] * facts["replicates"] * BYTES_PER_SAMPLE_SUM
-        if size > self._max_film_bytes:
-            why = (
-                f"a film of {facts['width']} x {facts['height']} pixels with "
-                f"{facts['replicates']} replicates needs {size / 2**30:.1f} GiB; "
-                f"this service allows {self._max_film_bytes / 2**30:.1f} GiB"
-            )
-            raise SceneValidationError([Fault("/film", "memory_limit", why)])
+        refuse_large(facts, self._max_film_bytes)
         assets = {"root": self._data.relative(files.root), "pins": facts["pins"]}
         self._read_files(facts, assets)
         film = FilmSpec(
@@ -133,8 +160,6 @@ class Submitter:
             output=facts["output"],
             priority=request.priority,
             label=request.label,
-            cell=cell,
-            parameters=parameters or {},
             deadline=request.deadline,
             after=request.after,
         )
@@ -175,14 +200,10 @@ def _check_request(request: Request) -> None:
         raise SceneValidationError(faults)
 
 
-def _with_stop(scene: Mapping[str, Any], stop: Mapping[str, Any] | None) -> JsonDict:
-    """Put the request's stop rule in place of the scene's, as `mt.render` does."""
-    given = {key: value for key, value in (stop or {}).items() if value is not None}
-    render = scene.get("render", {})
-    if not given or not isinstance(render, Mapping):
-        return dict(scene)
-    kept = {key: value for key, value in render.items() if key not in STOP_KEYS}
-    return {**scene, "render": {**kept, **given}}
+def _some(cells: Sequence[int]) -> Sequence[int]:
+    """Return at most MOST_CHECKED of the cells, spread evenly."""
+    step = -(-len(cells) // MOST_CHECKED)
+    return cells[:: max(step, 1)]
 
 
 def _on_stop(fault: Fault, stop: Mapping[str, Any] | None) -> Fault:

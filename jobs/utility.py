@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import tempfile
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
-from matiere.jobs.artifacts import Artifacts, DamagedFile, local_file, unpack
+from matiere.jobs.artifacts import Artifacts, DamagedFile, local_file
+from matiere.jobs.cells import Sweeps, film_scene
 from matiere.jobs.job import JsonDict
+from matiere.jobs.merge import PackCache, open_film
 from matiere.jobs.night import StoredNight, write_page
 
 
@@ -23,10 +26,10 @@ def check_material(work: Any, request: JsonDict) -> JsonDict:
     return {"report": work.check_material(*asked)}
 
 
-def make_images(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
+def make_images(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Develop a merged film and store its files; `{"files": {kind: [digest, size]}}`."""
-    header, records = unpack(folder.read(request["film"]))
-    files = work.make_images(records[0], header, request)
+    header, stored = open_film(folder, request["film"], request["record"])
+    files = work.make_images(stored, header, request | {"scene": _scene(sweeps, request)})
     return {"files": {kind: list(folder.write([data])) for kind, data in files.items()}}
 
 
@@ -39,10 +42,14 @@ def make_night(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
 def _signed(
     cells: Sequence[JsonDict], folder: Artifacts
 ) -> Iterator[tuple[JsonDict, bytes | None]]:
+    files = PackCache(folder)
     for cell in cells:
-        digest = cell.pop("signature")
+        digest, film = cell.pop("signature"), cell.pop("film")
         try:
-            yield cell, None if digest is None else folder.read(digest)
+            if digest is not None:
+                yield cell, folder.read(digest)
+            else:
+                yield cell, files.signature(*film) if film else None
         except DamagedFile:  # the night says that it has none
             yield cell, None
 
@@ -56,13 +63,30 @@ def compare(request: JsonDict, folder: Artifacts) -> JsonDict:
     return {"report": compare_nights(a, b, Options(**request["options"]))}
 
 
-def make_sheet(work: Any, request: JsonDict, folder: Artifacts) -> JsonDict:
+def make_sheet(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Draw the contact sheet of a sweep and store it."""
-    with tempfile.TemporaryDirectory() as scratch:
-        cells = [
-            cell | {"image": cell["image"] and str(local_file(folder, cell["image"], scratch))}
-            for cell in request["cells"]
-        ]
+    with tempfile.TemporaryDirectory(prefix="matiere-") as scratch:
+        cells = []
+        for number, cell in enumerate(request["cells"]):
+            image = cell["image"] and str(local_file(folder, cell["image"], scratch))
+            if cell["film"] is not None:
+                film = cell["film"]
+                header, stored = open_film(folder, film["film"], film["record"])
+                path = Path(scratch) / f"{number}.png"
+                asked = film | {"scene": _scene(sweeps, film)}
+                asked["assets"] = sweeps.located(film["assets"])
+                path.write_bytes(work.make_picture(stored, header, asked))
+                image = str(path)
+            cells.append(cell | {"image": image})
         data: bytes = work.make_sheet(cells, request)
     digest, size = folder.write([data])
     return {"digest": digest, "size": size}
+
+
+def _scene(sweeps: Sweeps, request: JsonDict) -> JsonDict:
+    """Return the scene of a film without output and stop rule."""
+    if "scene" in request:
+        scene: JsonDict = request["scene"]
+        return scene
+    sweep = sweeps.get(request["plan"], request["assets"])
+    return film_scene(sweep.scene(request["cell"]))

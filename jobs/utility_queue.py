@@ -17,7 +17,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from matiere.jobs.film_work import FilmWork
-from matiere.jobs.job import JobError, JobState, JsonDict
+from matiere.jobs.job import Job, JobError, JobState, JsonDict
 from matiere.jobs.store import files, films, jobs, nights, views
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Merged
@@ -27,12 +27,13 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("matiere.jobs.utility")
 
-STABILITY, CHECK, COMPARE, MERGE, IMAGES, NIGHT, SHEET = -1, 0, 1, 2, 3, 4, 5
+DEVELOP, STABILITY, CHECK, COMPARE, MERGE, IMAGES, NIGHT, SHEET = -2, -1, 0, 1, 2, 3, 4, 5
 NAMES = {
-    STABILITY: "stability", CHECK: "check", COMPARE: "compare", MERGE: "merge", IMAGES: "images",
-    NIGHT: "night", SHEET: "sheet",
+    DEVELOP: "images", STABILITY: "stability", CHECK: "check", COMPARE: "compare", MERGE: "merge",
+    IMAGES: "images", NIGHT: "night", SHEET: "sheet",
 }  # fmt: skip
 WORDS = {
+    DEVELOP: "make its images",
     STABILITY: "check a material",
     CHECK: "read its files",
     COMPARE: "compare the nights",
@@ -42,16 +43,19 @@ WORDS = {
     SHEET: "draw its contact sheet",
 }
 MAX_TRIES = 3
+SHEET_CELLS = 400  # more than a sheet shows at a glance: the client makes pages of them
 LIMIT_S = {
-    STABILITY: 5.0, CHECK: 30.0, COMPARE: 600.0, MERGE: 3600.0, IMAGES: 900.0, NIGHT: 900.0,
-    SHEET: 900.0,
+    DEVELOP: 30.0, STABILITY: 5.0, CHECK: 30.0, COMPARE: 600.0, MERGE: 3600.0, IMAGES: 900.0,
+    NIGHT: 900.0, SHEET: 900.0,
 }  # fmt: skip
 
 
 @dataclass(frozen=True)
 class Question:
-    """A request (CHECK: of a scene's files, STABILITY: of a material, COMPARE: of two nights) that
-    somebody waits for.
+    """A request that somebody waits for.
+
+    CHECK: of a scene's files, STABILITY: of a material, COMPARE: of two nights, DEVELOP: of the
+    images of an ended cell.
 
     The answer has `faults`, a list that is empty when all went well, and what the child reported.
     """
@@ -121,7 +125,7 @@ class UtilityQueue:
     def read_queue(self) -> None:
         """Find jobs to develop and sweeps to close."""
         for job_id in self._scheduler.db.read(jobs.jobs_to_develop):
-            self._add(Task(IMAGES, job_id, lambda i=job_id: self._images_request(i)))  # type: ignore[misc]
+            self._add(Task(IMAGES, job_id, lambda i=job_id: self.images_request(i)))  # type: ignore[misc]
         self.sweeps_may_have_ended()
 
     def sweeps_may_have_ended(self) -> None:
@@ -185,6 +189,7 @@ class UtilityQueue:
         task = self._current[1]
         if body["op"] == "done":
             handler = {
+                DEVELOP: self._answered,
                 STABILITY: self._answered,
                 CHECK: self._answered,
                 COMPARE: self._answered,
@@ -330,33 +335,38 @@ class UtilityQueue:
         s.wake()
 
     # -- images ---------------------------------------------------------------------------------
-    def _images_request(self, job_id: str) -> JsonDict | None:
+    def images_request(self, job_id: str, on_demand: bool = False) -> JsonDict | None:
+        """Describe the images of a job; None if they are not to be made now."""
+
         def read(c: Any) -> JsonDict | None:
             job = views.get_job(c, job_id)
             film = files.find_reference(c, ("job", job_id), "film")
-            if job.state is not JobState.RUNNING or film is None:
+            wanted = JobState.SUCCEEDED if on_demand else JobState.RUNNING
+            if job.state is not wanted or film is None:
                 return None
-            facts = views.job_facts(c, job_id)
-            return facts | {
-                "film": film.digest,
-                "attempt": job.attempt,
-                "threads": self._scheduler.options.children * self._scheduler.options.threads,
-                "job": {
-                    "id": job.id,
-                    "label": job.label,
-                    "stop": job.stop,
-                    "stop_reason": job.stop_reason,
-                    "cached": job.cached,
-                    "film_key": job.film_key,
-                    "spp": job.spp,
-                    "seconds": job.seconds,
-                    "parameters": job.parameters,
-                    "sweep_id": job.sweep_id,
-                    "cell": job.cell,
-                },
-            }
+            return self._film_of(c, job, film)
 
         return self._scheduler.db.read(read)
+
+    def _film_of(self, c: Any, job: Job, film: Blob) -> JsonDict:
+        return views.job_facts(c, job.id) | {
+            "film": film.digest,
+            "attempt": job.attempt,
+            "threads": self._scheduler.options.children * self._scheduler.options.threads,
+            "job": {
+                "id": job.id,
+                "label": job.label,
+                "stop": job.stop,
+                "stop_reason": job.stop_reason,
+                "cached": job.cached,
+                "film_key": job.film_key,
+                "spp": job.spp,
+                "seconds": job.seconds,
+                "parameters": job.parameters,
+                "sweep_id": job.sweep_id,
+                "cell": job.cell,
+            },
+        }
 
     def _developed(self, task: Task, body: JsonDict) -> bool:
         s = self._scheduler
@@ -392,9 +402,11 @@ class UtilityQueue:
             cells = []
             for job in views.list_jobs(c, None, sweep_id, None, sweep.cells):
                 image = files.find_reference(c, ("job", job.id), "image.png")
+                film = files.find_reference(c, ("job", job.id), "film") if not image else None
                 cells.append(
                     {
                         "image": image.digest if image else None,
+                        "film": self._film_of(c, job, film) if film else None,
                         "state": job.state.value,
                         "label": job.label,
                         "parameters": job.parameters,

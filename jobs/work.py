@@ -11,6 +11,7 @@ import json
 import tempfile
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -137,10 +138,17 @@ class OpenScene:
         threads: int,
         flag: _core.CancelToken | None = None,
         on_read: Callable[[], None] | None = None,
+        like: OpenScene | None = None,
     ) -> None:
-        """Build the acceleration structure and light tables. Raises Cancelled by `flag`."""
-        self._built = scene.build(threads, flag, on_read)
+        """Build the acceleration structure and light tables, or share those of `like`.
+
+        Raises Cancelled by `flag`.
+        """
+        self._scene = scene
+        shared = None if like is None else like._scene
+        self._built = scene.build(threads, flag, on_read, shared)
         self._settings, self._plan = chunks.settings(scene.model), chunks.plan(scene.model)
+        self.seeds = (scene.model.render.seed,)
 
     def render_chunk(self, index: int, flag: _core.CancelToken) -> bytes | None:
         """Render one chunk on this thread; None if cancelled. The GIL is released."""
@@ -157,17 +165,19 @@ def open_scene(
     threads: int,
     flag: _core.CancelToken | None = None,
     on_read: Callable[[], None] | None = None,
+    like: OpenScene | None = None,
 ) -> OpenScene:
     """Load a pinned scene, its files checked against their digests, and build it.
 
     `on_read` is called when the files have been read; from then on `flag` stops it (Cancelled).
+    Where its shapes are those of `like`, their acceleration structure serves both.
     """
     from matiere.scene.load import load
 
     render = {**scene.get("render", {}), "replicates": replicates}
     pinned = {**scene, "render": render}
     loaded = load(pinned, asset_root=assets["root"], pins=assets["pins"])
-    return OpenScene(loaded, threads, flag, on_read)
+    return OpenScene(loaded, threads, flag, on_read, like)
 
 
 # -- folding (in the utility child) -------------------------------------------------------------
@@ -177,6 +187,11 @@ class Fold:
     def __init__(self, film: _core.Film) -> None:
         """Go on with `film`."""
         self._film = film
+
+    @property
+    def film(self) -> _core.Film:
+        """The film so far."""
+        return self._film
 
     def add(self, data: memoryview) -> None:
         """Fold in the next chunk of a tile. Raises FilmError for any other."""
@@ -197,6 +212,15 @@ class Fold:
     def to_bytes(self) -> bytes:
         """Return the film as it is stored."""
         return self._film.to_bytes()
+
+
+def sign(fold: Fold, scene: OpenScene, film_key: str) -> bytes:
+    """Return the bytes of a film's signature, by which nights are compared."""
+    from matiere.signature import signature
+
+    engine = next(iter(engines()))
+    signed = signature(fold.film, seeds=scene.seeds, film_key=film_key, engine=engine)
+    return signed.to_bytes()
 
 
 def open_fold(of: _core.Plan, stored: memoryview | None) -> Fold:
@@ -233,6 +257,18 @@ def target_share(stop: Mapping[str, Any], newest: Mapping[str, Any]) -> float | 
 
 
 # -- images (in the utility child) --------------------------------------------------------------
+def make_picture(stored: memoryview, header: JsonDict, request: JsonDict) -> bytes:
+    """Return the PNG of a finished job alone."""
+    output = request["output"]
+    film = _film(stored, header, request)
+    return _image(film, ".png", bit_depth=output.get("bit_depth", {}).get("png"), **_view(output))
+
+
+def _view(output: Mapping[str, Any]) -> JsonDict:
+    shown = ("config", "display", "view", "exposure", "despeckle")
+    return {key: output[key] for key in shown if key in output}
+
+
 def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict[str, bytes]:
     """Return the files of a finished job by kind: PNG, EXR, report, error plot."""
 
@@ -242,8 +278,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     film = _film(stored, header, request)
     output = request["output"]
     depths = output.get("bit_depth", {})
-    shown = ("config", "display", "view", "exposure", "despeckle")
-    view = {key: output[key] for key in shown if key in output}
+    view = _view(output)
     job = request["job"]
     report = film.report | {
         "job": job,
@@ -283,6 +318,7 @@ def _film(stored: memoryview, header: JsonDict, request: JsonDict) -> Film:
     return Film(chunks.open_film(bytes(stored), of), info)
 
 
+@cache
 def engines() -> dict[str, Any]:
     """Return the fingerprint of this engine by its digest, as signatures name it."""
     from matiere.scene.digest import fingerprint

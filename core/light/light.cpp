@@ -16,7 +16,7 @@ struct Overload : F... {
 double luminance(const Spectrumf& s) { return double(s.luminance()); }
 
 /// Emitted power over pi, up to a common factor.
-double light_power(const Light& light, const std::optional<EnvironmentLight>& environment,
+double light_power(const Light& light, const std::shared_ptr<const EnvironmentLight>& environment,
                    const MaterialTable& materials, double radius) {
     const double disk = radius * radius;
     const auto sides = [&](int m) { return materials[m].two_sided ? 2.0 : 1.0; };
@@ -121,7 +121,7 @@ std::optional<LightSample> if_any(const LightSample& s) {
 
 }  // namespace
 
-LightSet::LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> environment,
+LightSet::LightSet(std::vector<Light> lights, std::shared_ptr<const EnvironmentLight> environment,
                    const MaterialTable& materials, float scene_radius, bool tree)
     : lights_(std::move(lights)), environment_(std::move(environment)), materials_(&materials) {
     if (environment_) {

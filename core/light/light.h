@@ -116,7 +116,7 @@ class LightSet {
  public:
     /// Radius of the scene's bounding sphere, for the power of what is infinitely far. Without
     /// `tree` every light is chosen by its power alone (tests, benchmarks).
-    LightSet(std::vector<Light> lights, std::optional<EnvironmentLight> environment,
+    LightSet(std::vector<Light> lights, std::shared_ptr<const EnvironmentLight> environment,
              const MaterialTable& materials, float scene_radius, bool tree = true);
 
     bool empty() const { return choice_.empty(); }
@@ -129,7 +129,8 @@ class LightSet {
     /// Lights without a surface: found by light sampling alone.
     bool has_points() const;
     bool is_one_rectangle() const;
-    const EnvironmentLight* environment() const { return environment_ ? &*environment_ : nullptr; }
+    const EnvironmentLight* environment() const { return environment_.get(); }
+    std::shared_ptr<const EnvironmentLight> shared_environment() const { return environment_; }
 
     /// Samples light for a receiver; nothing where the chosen light cannot reach it.
     std::optional<LightSample> sample(const Receiver& at, const SampleBlock& u) const;
@@ -155,7 +156,7 @@ class LightSet {
     float probability(Vec3f reference, std::size_t light) const;
 
     std::vector<Light> lights_;
-    std::optional<EnvironmentLight> environment_;
+    std::shared_ptr<const EnvironmentLight> environment_;
     const MaterialTable* materials_;
     LightTree tree_;
     DiscreteDistribution choice_;         ///< over `choices_`

@@ -18,8 +18,10 @@ namespace matiere {
 namespace {
 
 constexpr std::uint64_t kSeed = 0x63617573746963ULL;
-/// Photons started from every sharp surface to see what they are worth, and in all after that.
+/// Photons started from every sharp surface to see what they are worth, and in all after that: at
+/// most so many, fewer for a small film, whose samples would take less time than the search.
 constexpr std::uint32_t kPilot = 1 << 11, kStarts = 1 << 19;
+constexpr std::uint32_t kLeastPilot = 1 << 8, kLeastStarts = 1 << 12, kStartsPerPixel = 8;
 constexpr std::uint32_t kBlock = 1 << 10;  // photons of one unit of work
 constexpr int kMaxDepth = 16;
 /// A direction sampled with less density than this [1/sr] is one that camera paths find well.
@@ -272,9 +274,23 @@ void keep_hard(std::vector<Harvest>& harvests, double threshold) {
         });
 }
 
+/// How many photons the search is worth.
+struct Effort {
+    std::uint32_t pilot, starts;
+
+    /// A function of film size, never of samples: a longer render goes on with the same guide.
+    Effort(const FilmDescription& film, std::size_t surfaces) {
+        const std::uint64_t pixels = std::uint64_t(film.width) * std::uint64_t(film.height);
+        const auto wanted = std::min<std::uint64_t>(kStartsPerPixel * pixels, kStarts);
+        starts = std::max(std::uint32_t(wanted), kLeastStarts);
+        const std::uint32_t first = std::max(starts / (kStarts / kPilot), kLeastPilot);
+        pilot = std::min(first, std::max(1U, kStarts / std::uint32_t(surfaces)));
+    }
+};
+
 /// The photons of the second round: every surface gets its part of what the first found.
 std::vector<Job> share_out(const std::vector<SharpSurface>& surfaces,
-                           const std::vector<Harvest>& first, std::uint32_t pilot) {
+                           const std::vector<Harvest>& first, const Effort& effort) {
     std::vector<double> flux(surfaces.size());
     double total = 0;
     for (std::size_t k = 0; k < surfaces.size(); ++k) {
@@ -283,10 +299,10 @@ std::vector<Job> share_out(const std::vector<SharpSurface>& surfaces,
     }
     std::vector<Job> jobs;
     for (std::size_t k = 0; k < surfaces.size(); ++k) {
-        const auto n = std::uint32_t(double(kStarts) * flux[k] / total);
+        const auto n = std::uint32_t(double(effort.starts) * flux[k] / total);
         for (std::uint32_t i = 0; i < n; i += kBlock)
-            jobs.push_back({&surfaces[k], std::uint32_t(k), pilot + i, std::min(kBlock, n - i),
-                            surfaces[k].area() / n});
+            jobs.push_back({&surfaces[k], std::uint32_t(k), effort.pilot + i,
+                            std::min(kBlock, n - i), surfaces[k].area() / n});
     }
     return jobs;
 }
@@ -298,7 +314,8 @@ CausticScan trace_caustics(const Scene& scene, int threads, const CancelToken* c
     const std::vector<SharpSurface> surfaces = sharp_surfaces(scene);
     if (surfaces.empty()) return {};
 
-    const auto pilot = std::min(kPilot, std::max(1U, kStarts / std::uint32_t(surfaces.size())));
+    const Effort effort(scene.film(), surfaces.size());
+    const std::uint32_t pilot = effort.pilot;
     std::vector<Job> jobs;
     for (const SharpSurface& s : surfaces)
         jobs.push_back({&s, std::uint32_t(&s - surfaces.data()), 0, pilot, s.area() / pilot});
@@ -313,7 +330,7 @@ CausticScan trace_caustics(const Scene& scene, int threads, const CancelToken* c
     for (const Harvest& h : found) landed += h.landed.size();
     if (landed < kFewLanded) return {};
 
-    found = shoot_all(scene, share_out(surfaces, found, pilot), threads, cancel);
+    found = shoot_all(scene, share_out(surfaces, found, effort), threads, cancel);
     if (raised(cancel)) return {};
     keep_hard(found, threshold);
     CausticScan scan;

@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstdint>
+#include <memory>
 #include <optional>
 #include <string>
 #include <variant>
@@ -99,6 +100,8 @@ struct PortalDescription {
     std::string pointer;
 };
 
+class Scene;
+
 struct RenderDescription {
     FilmDescription film;
     CameraDescription camera;
@@ -110,6 +113,9 @@ struct RenderDescription {
     std::optional<EnvironmentDescription> environment;
     std::vector<PortalDescription> portals;
     std::optional<EnvironmentDescription> backdrop;  ///< seen instead of the environment
+    /// A scene whose shapes, lights, textures, environment and backdrop are those of this one,
+    /// which leaves out meshes, spheres, textures and maps. Lights are given.
+    std::shared_ptr<const Scene> like;
     bool keep_uv = false;    ///< also where no material reads them: the film has a layer of them
     bool light_tree = true;  ///< false: lights are chosen by power alone (tests, benchmarks)
 };

@@ -93,7 +93,8 @@ void stop_if(const CancelToken* cancel) {
 }  // namespace
 
 Scene::Scene(RenderDescription description, int threads, const CancelToken* cancel)
-    : film_(description.film), textures_(std::move(description.textures)), accel_(threads) {
+    : film_(description.film),
+      textures_(description.like ? description.like->textures_ : std::move(description.textures)) {
     const auto start = std::chrono::steady_clock::now();
     camera_ = std::make_unique<Camera>(description.camera, film_.width, film_.height);
     materials_ = std::make_unique<MaterialTable>(description.materials, textures_);
@@ -111,16 +112,10 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     }
 
     stop_if(cancel);
-    add_meshes(std::move(description.meshes));
-    stop_if(cancel);
-    add_spheres(description.spheres);
-    build_lights(description);
-    if (const auto& b = description.backdrop)
-        backdrop_.emplace(b->width, b->height, b->pixels, b->rotation_deg, b->scale);
-    for (const auto& mesh : meshes_) accel_.add_mesh(mesh->positions, mesh->indices);
-    if (!spheres_.empty()) accel_.add_spheres(spheres_);
-    stop_if(cancel);
-    accel_.commit(cancel);
+    if (description.like)
+        share(*description.like, description);
+    else
+        build_geometry(description, threads, cancel);
     if (interiors > 0) camera_interior_ = media_at(*this, camera_->origin());
     const auto built = std::chrono::steady_clock::now();
     CausticScan scan = trace_caustics(*this, threads, cancel);
@@ -135,7 +130,7 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     stats_.caustic_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - built).count();
     stats_.bytes += caustics_.bytes();
-    for (const auto& mesh : meshes_) {
+    for (const auto& mesh : shapes_->meshes) {
         stats_.triangles += mesh->triangle_count();
         stats_.bytes += 4 * (mesh->positions.size() + mesh->indices.size() + mesh->normals.size() +
                              mesh->uv.size() + mesh->uv1.size());
@@ -143,54 +138,92 @@ Scene::Scene(RenderDescription description, int threads, const CancelToken* canc
     for (int i = 0; i < textures_.size(); ++i) stats_.bytes += textures_[i].bytes();
     if (const auto* e = lights_->environment()) stats_.bytes += e->bytes();
     if (backdrop_) stats_.bytes += backdrop_->bytes();
-    stats_.spheres = spheres_.size();
+    stats_.spheres = shapes_->spheres.size();
     stats_.lights = std::uint64_t(lights_->size());
     stats_.materials = std::uint64_t(materials_->size());
     stats_.build_s =
         std::chrono::duration<double>(std::chrono::steady_clock::now() - start).count();
 }
 
-void Scene::add_meshes(std::vector<MeshDescription>&& meshes) {
+std::vector<MaterialUse> Scene::material_uses() const {
+    std::vector<MaterialUse> uses;
+    for (int i = 0; i < materials_->size(); ++i)
+        uses.push_back({(*materials_)[i].emissive, reads_uv(*materials_, i)});
+    return uses;
+}
+
+void Scene::share(const Scene& like, const RenderDescription& description) {
+    const Geometry& g = *like.shapes_;
+    if (g.uses != material_uses() || g.keep_uv != keep_uv_ || g.second_uv != second_uv_)
+        throw SceneError("not_alike", "the shapes of the other scene do not fit these materials");
+    shapes_ = like.shapes_;
+    backdrop_ = like.backdrop_;
+    build_lights(description, nullptr);
+}
+
+void Scene::build_geometry(RenderDescription& description, int threads, const CancelToken* cancel) {
+    const auto made = std::make_shared<Geometry>(threads);
+    shapes_ = made;
+    made->uses = material_uses();
+    made->keep_uv = keep_uv_;
+    made->second_uv = second_uv_;
+    add_meshes(*made, std::move(description.meshes));
+    stop_if(cancel);
+    add_spheres(*made, description.spheres);
+    build_lights(description, made.get());
+    if (const auto& b = description.backdrop)
+        backdrop_ = std::make_shared<EnvironmentLight>(b->width, b->height, b->pixels,
+                                                       b->rotation_deg, b->scale);
+    for (const auto& mesh : made->meshes) made->accel.add_mesh(mesh->positions, mesh->indices);
+    if (!made->spheres.empty()) made->accel.add_spheres(made->spheres);
+    stop_if(cancel);
+    made->accel.commit(cancel);
+}
+
+void Scene::add_meshes(Geometry& geometry, std::vector<MeshDescription>&& meshes) const {
     for (auto& m : meshes) {
         check_mesh(m, materials_->size());
         if (!keep_uv_ && !reads_uv(*materials_, m.material)) m.uv = m.uv1 = {};
         if (!second_uv_) m.uv1 = {};
-        meshes_.push_back(make_mesh(std::move(m)));
+        geometry.meshes.push_back(make_mesh(std::move(m)));
     }
 }
 
-void Scene::add_spheres(const std::vector<SphereDescription>& spheres) {
+void Scene::add_spheres(Geometry& geometry, const std::vector<SphereDescription>& spheres) const {
     for (const auto& s : spheres) {
         if (s.material < 0 || s.material >= materials_->size())
             throw SceneError("material", "sphere has no material", s.pointer + "/material");
-        spheres_.push_back({s.center, s.radius, s.material});
+        geometry.spheres.push_back({s.center, s.radius, s.material});
     }
-    sphere_light_.assign(spheres_.size(), -1);
+    geometry.sphere_light.assign(geometry.spheres.size(), -1);
 }
 
-void Scene::build_lights(const RenderDescription& description) {
+/// Shapes learn which light they are where they are `fresh`; shared ones know.
+void Scene::build_lights(const RenderDescription& description, Geometry* fresh) {
     std::vector<Light> lights;
-    for (const auto& mesh : meshes_) {
-        const MaterialRecord& record = (*materials_)[mesh->material];
-        if (!record.emissive) continue;
-        mesh->light = int(lights.size());
+    for (const auto& mesh : shapes_->meshes) {
+        if (mesh->material < 0 || !(*materials_)[mesh->material].emissive) continue;
+        if (fresh) mesh->light = int(lights.size());
         const std::vector<double> weight(mesh->triangle_count(), 1.0);
         lights.emplace_back(MeshLight{MeshShape(*mesh, weight), mesh->material});
     }
-    for (std::size_t i = 0; i < spheres_.size(); ++i) {
-        if (!(*materials_)[spheres_[i].material].emissive) continue;
-        sphere_light_[i] = int(lights.size());
-        lights.emplace_back(SphereLight{SphereShape{spheres_[i]}, spheres_[i].material});
+    const std::vector<Sphere>& spheres = shapes_->spheres;
+    for (std::size_t i = 0; i < spheres.size(); ++i) {
+        if (!(*materials_)[spheres[i].material].emissive) continue;
+        if (fresh) fresh->sphere_light[i] = int(lights.size());
+        lights.emplace_back(SphereLight{SphereShape{spheres[i]}, spheres[i].material});
     }
     for (const auto& l : description.lights) {
         if (const auto* r = std::get_if<RectangleLightDescription>(&l)) {
             const RectangleShape shape(r->corner, r->edge_u, r->edge_v);
             if (!(shape.area > 0))
                 throw SceneError("degenerate_light", "edge_u and edge_v span no area", r->pointer);
-            auto mesh = make_mesh(rectangle_mesh(*r));
-            mesh->material = -1;
-            mesh->light = int(lights.size());
-            meshes_.push_back(std::move(mesh));
+            if (fresh) {
+                auto mesh = make_mesh(rectangle_mesh(*r));
+                mesh->material = -1;
+                mesh->light = int(lights.size());
+                fresh->meshes.push_back(std::move(mesh));
+            }
             lights.emplace_back(RectangleLight{shape, r->radiance});
         } else if (const auto* p = std::get_if<PointLightDescription>(&l)) {
             lights.emplace_back(PointLight{p->position, p->intensity});
@@ -202,27 +235,31 @@ void Scene::build_lights(const RenderDescription& description) {
             lights.emplace_back(DirectionalLight{normalize(d->direction), d->irradiance});
         }
     }
-    std::optional<EnvironmentLight> environment;
-    if (const auto& e = description.environment)
-        environment.emplace(e->width, e->height, e->pixels, e->rotation_deg, e->scale,
-                            Portals(portal_shapes(description.portals)));
+    std::shared_ptr<const EnvironmentLight> environment;
+    if (description.like)
+        environment = description.like->lights_->shared_environment();
+    else if (const auto& e = description.environment)
+        environment = std::make_shared<EnvironmentLight>(
+            e->width, e->height, e->pixels, e->rotation_deg, e->scale,
+            Portals(portal_shapes(description.portals)));
     lights_ = std::make_unique<LightSet>(std::move(lights), std::move(environment), *materials_,
                                          bounding_radius(), description.light_tree);
 }
 
 float Scene::bounding_radius() const {
     float r2 = 0;
-    for (const auto& mesh : meshes_)
+    for (const auto& mesh : shapes_->meshes)
         for (std::uint32_t v = 0; v < mesh->positions.size() / 3; ++v)
             r2 = std::max(r2, length_squared(mesh->position(v)));
     float radius = std::sqrt(r2);
-    for (const Sphere& s : spheres_) radius = std::max(radius, length(s.center) + s.radius);
+    for (const Sphere& s : shapes_->spheres) radius = std::max(radius, length(s.center) + s.radius);
     return std::max(radius, 1e-30F);
 }
 
 int Scene::material_of(const RayHit& hit) const {
-    return hit.geometry < meshes_.size() ? meshes_[hit.geometry]->material
-                                         : spheres_[hit.primitive].material;
+    const Geometry& g = *shapes_;
+    return hit.geometry < g.meshes.size() ? g.meshes[hit.geometry]->material
+                                          : g.spheres[hit.primitive].material;
 }
 
 }  // namespace matiere

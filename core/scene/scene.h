@@ -7,18 +7,16 @@
 #include <optional>
 #include <vector>
 
-#include "accel/embree_scene.h"
 #include "base/features.h"
 #include "camera/camera.h"
 #include "light/light.h"
 #include "material/material.h"
 #include "sampling/photon_guide.h"
 #include "scene/description.h"
+#include "scene/geometry.h"
 #include "scene/interior.h"
 #include "scene/light_layer.h"
 #include "scene/surface_hit.h"
-#include "shape/mesh.h"
-#include "shape/sphere.h"
 
 namespace matiere {
 
@@ -32,17 +30,19 @@ struct SceneStats {
 class Scene {
  public:
     /// Throws SceneError, with the code "cancelled" once `cancel` is raised. `threads` is for the
-    /// build alone (0: all processors).
+    /// build alone (0: all processors). A description with `like` takes shapes, textures and maps
+    /// from there; SceneError `not_alike` where they do not fit its materials.
     Scene(RenderDescription description, int threads, const CancelToken* cancel = nullptr);
 
-    RayHit intersect(const Ray& ray) const { return accel_.intersect(ray); }
-    bool occluded(const Ray& ray) const { return accel_.occluded(ray); }
+    RayHit intersect(const Ray& ray) const { return shapes_->accel.intersect(ray); }
+    bool occluded(const Ray& ray) const { return shapes_->accel.occluded(ray); }
     /// The point of a hit; what the features F do not read is left at its default.
     template <Features F = kEveryFeature>
     [[gnu::always_inline]] SurfaceHit surface(const Ray& ray, const RayHit& hit) const {
-        if (hit.geometry < meshes_.size())
-            return triangle_surface<F>(*meshes_[hit.geometry], hit.primitive, hit.u, hit.v);
-        return sphere_surface<F>(spheres_[hit.primitive], sphere_light_[hit.primitive],
+        const Geometry& g = *shapes_;
+        if (hit.geometry < g.meshes.size())
+            return triangle_surface<F>(*g.meshes[hit.geometry], hit.primitive, hit.u, hit.v);
+        return sphere_surface<F>(g.spheres[hit.primitive], g.sphere_light[hit.primitive],
                                  hit.primitive, ray.origin + ray.direction * hit.t);
     }
     /// The material of a hit without the rest.
@@ -53,7 +53,7 @@ class Scene {
     const MaterialTable& materials() const { return *materials_; }
     const LightSet& lights() const { return *lights_; }
     /// What the camera sees behind everything instead of the environment; lights nothing.
-    const EnvironmentLight* backdrop() const { return backdrop_ ? &*backdrop_ : nullptr; }
+    const EnvironmentLight* backdrop() const { return backdrop_.get(); }
     /// The media that the camera stands in.
     const InteriorStack& camera_interior() const { return camera_interior_; }
     /// Whether shadow rays must look at what they meet: media can overlap, so that interfaces lie
@@ -61,8 +61,8 @@ class Scene {
     bool shadows_walk() const { return shadows_walk_; }
     /// Whether a texture has mip levels, so that paths must know how wide they are.
     bool prefilters() const { return prefilters_; }
-    const std::vector<std::unique_ptr<Mesh>>& meshes() const { return meshes_; }
-    const std::vector<Sphere>& spheres() const { return spheres_; }
+    const std::vector<std::unique_ptr<Mesh>>& meshes() const { return shapes_->meshes; }
+    const std::vector<Sphere>& spheres() const { return shapes_->spheres; }
     /// Where light arrives by way of mirrors and lenses; null where no such light is hard to find.
     const PhotonGuide* caustics() const { return caustics_.empty() ? nullptr : &caustics_; }
     /// The same without the light that paths from the lights bring where there is a light layer.
@@ -76,21 +76,21 @@ class Scene {
     const SceneStats& stats() const { return stats_; }
 
  private:
-    void add_meshes(std::vector<MeshDescription>&& meshes);
-    void add_spheres(const std::vector<SphereDescription>& spheres);
-    void build_lights(const RenderDescription& description);
+    void share(const Scene& like, const RenderDescription& description);
+    void build_geometry(RenderDescription& description, int threads, const CancelToken* cancel);
+    void add_meshes(Geometry& geometry, std::vector<MeshDescription>&& meshes) const;
+    void add_spheres(Geometry& geometry, const std::vector<SphereDescription>& spheres) const;
+    std::vector<MaterialUse> material_uses() const;
+    void build_lights(const RenderDescription& description, Geometry* fresh);
     float bounding_radius() const;
 
     FilmDescription film_;
     TextureTable textures_;
     std::unique_ptr<MaterialTable> materials_;
     std::unique_ptr<Camera> camera_;
-    std::vector<std::unique_ptr<Mesh>> meshes_;  // geometry id = index
-    std::vector<Sphere> spheres_;                // geometry id = meshes_.size()
-    std::vector<int> sphere_light_;
+    std::shared_ptr<const Geometry> shapes_;
     std::unique_ptr<LightSet> lights_;
-    std::optional<EnvironmentLight> backdrop_;
-    EmbreeScene accel_;
+    std::shared_ptr<const EnvironmentLight> backdrop_;
     InteriorStack camera_interior_;
     PhotonGuide caustics_, caustics_beside_;
     std::array<LightLayer, 2> light_layers_;

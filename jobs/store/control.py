@@ -91,8 +91,10 @@ def _change_cells(
 ) -> int:
     for state in old:
         check_transition(state, new)
+    paused = new is JobState.PAUSED
+    c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(paused=paused))
     found = c.execute(sa.update(job).where(mine).values(state=new.value)).rowcount
-    kind = "sweep_paused" if new is JobState.PAUSED else "sweep_resumed"
+    kind = "sweep_paused" if paused else "sweep_resumed"
     if found:
         emit(c, kind, sweep_id=sweep_id, cells=found)
     return int(found)
@@ -113,7 +115,12 @@ def requeue_job(c: Connection, job_id: str) -> list[str]:
 
 
 def requeue_sweep(c: Connection, sweep_id: str) -> list[str]:
-    """Queue again all cells that ended without success; return all that were requeued."""
+    """Queue again all cells that ended without success; return all that were requeued.
+
+    A cancelled sweep goes on with the cells that had no job yet.
+    """
+    again = (sweep.c.id == sweep_id) & sweep.c.cancelled
+    c.execute(sa.update(sweep).where(again).values(cancelled=False, finished=None))
     mine = (job.c.sweep_id == sweep_id) & job.c.state.in_(REQUEUED)
     found = list(c.execute(sa.select(job.c.id).where(mine)).scalars())
     return _requeue(c, found) if found else []
@@ -133,7 +140,8 @@ def _requeue(c: Connection, job_ids: Iterable[str]) -> list[str]:
                 if job_id not in wanted:
                     wanted[job_id] = None
                     todo.append(job_id)
-    c.execute(sa.update(sweep).where(sweep.c.id.in_(sweeps)).values(finished=None))
+    again = {"finished": None, "cancelled": False}
+    c.execute(sa.update(sweep).where(sweep.c.id.in_(sweeps)).values(again))
     for sweep_id in sweeps:
         nights.drop_pages(c, sweep_id)
     found = list(wanted)
@@ -199,6 +207,7 @@ def set_sweep_priority(c: Connection, sweep_id: str, priority: int) -> int:
     mine = (job.c.sweep_id == sweep_id) & job.c.state.in_([*ACTIVE, PAUSED])
     rank = priority * AGEING_S - job.c.queued
     found = c.execute(sa.update(job).where(mine).values(priority=priority, rank=rank)).rowcount
+    c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(priority=priority))
     emit(c, "sweep_priority", sweep_id=sweep_id, priority=priority, cells=found)
     return int(found)
 
@@ -228,12 +237,12 @@ def expire_job(c: Connection, job_id: str) -> bool:
         return True
     if row.state == PAUSED:
         jobs.set_state(c, job_id, JobState.QUEUED, resumed=True)
-    if is_adaptive(json.loads(made.scene)):
+    if made.scene and is_adaptive(json.loads(made.scene)):
         return False
     facts = {"spp": made.prefix_spp, "seconds": made.seconds, "relmse": made.relmse,
              "lower": made.relmse_lower, "upper": made.relmse_upper, "reason": DEADLINE,
              "cached": False}  # fmt: skip
-    jobs.end_job(c, job_id, facts, prefix)
+    jobs.end_job(c, job_id, facts, prefix, made.prefix_record)
     return True
 
 

@@ -28,11 +28,13 @@ def standing(c: Connection, needed: str) -> str | None:
     if state is not None:
         good = state == JobState.SUCCEEDED.value
         return MET if good else BROKEN if JobState(state).final else OPEN
-    row = c.execute(sa.select(sweep.c.finished).where(sweep.c.id == needed)).first()
+    row = c.execute(sa.select(sweep).where(sweep.c.id == needed)).first()
     if row is None:
         return None
     if row.finished is None:
         return OPEN
+    if row.expanded < row.cells:
+        return BROKEN
     bad = sa.exists().where(job.c.sweep_id == needed, job.c.state != JobState.SUCCEEDED.value)
     return BROKEN if c.scalar(sa.select(bad)) else MET
 
@@ -104,6 +106,7 @@ def settle(c: Connection, ended: str, met: bool) -> None:
     while gone:
         needed = gone.pop()
         for waiter in _waiters(c, needed):
+            _expand_no_further(c, waiter)
             for job_id in _live(c, waiter):
                 jobs.set_state(c, job_id, JobState.CANCELLED, failure(needed), settling=False)
                 drop_reference(c, ("job", job_id))
@@ -115,6 +118,7 @@ def cancel_if_broken(c: Connection, waiter: str) -> None:
     if (needed := first_broken(c, waiter)) is not None:
         from matiere.jobs.store import jobs
 
+        _expand_no_further(c, waiter)
         for job_id in _live(c, waiter):
             jobs.set_state(c, job_id, JobState.CANCELLED, failure(needed))
 
@@ -131,6 +135,10 @@ def _waiters(c: Connection, needed: str) -> list[str]:
     return list(
         c.execute(sa.select(dependency.c.waiter).where(dependency.c.needs == needed)).scalars()
     )
+
+
+def _expand_no_further(c: Connection, waiter: str) -> None:
+    c.execute(sa.update(sweep).where(sweep.c.id == waiter).values(cancelled=True))
 
 
 def _live(c: Connection, waiter: str) -> list[str]:

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import time
+from collections.abc import Sequence
 from typing import Any
 
 import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
-from matiere.jobs.job import Event
+from matiere.jobs.job import Event, JsonDict
 from matiere.jobs.store.tables import event
 
 
@@ -31,6 +32,20 @@ def emit(
 def newest(c: Connection) -> int:
     """Return the number of the newest event, 0 if there is none."""
     return c.scalar(sa.select(sa.func.max(event.c.seq))) or 0
+
+
+def emit_all(
+    c: Connection, kind: str, about: Sequence[tuple[str | None, str | None, JsonDict]]
+) -> None:
+    """Append one event each for many jobs: (job, its sweep, data)."""
+    now = time.time()
+    rows = [
+        {"time": now, "kind": kind, "job_id": job_id, "sweep_id": sweep_id,
+         "data": json.dumps(data, allow_nan=False)}
+        for job_id, sweep_id, data in about
+    ]  # fmt: skip
+    if rows:
+        c.execute(sa.insert(event), rows)
 
 
 def read_events(

@@ -45,6 +45,21 @@ def add_reference(c: Connection, owner: tuple[str, object], kind: str, blob: Blo
 def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str, Blob]) -> None:
     """Record files of `owner` by kind, replacing what stood there."""
     sizes = {blob.digest: blob.size for blob in blobs.values()}
+    _record(c, sizes)
+    place = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
+    place &= reference.c.kind.in_(list(blobs))
+    held = {r.kind: r.digest for r in c.execute(sa.select(reference).where(place))}
+    if held:
+        c.execute(sa.delete(reference).where(place))
+    line = {"owner": owner[0], "owner_id": str(owner[1])}
+    rows = [line | {"kind": kind, "digest": blob.digest} for kind, blob in blobs.items()]
+    c.execute(sa.insert(reference), rows)
+    if owner[0] not in LASTING:
+        mark_unreferenced(c, set(held.values()) - set(sizes))
+
+
+def _record(c: Connection, sizes: Mapping[str, int]) -> None:
+    """Have a live row for each file. Raises FileGone for one that the collector has taken."""
     mine = artifact.c.digest.in_(list(sizes))
     states = {r.digest: r.state for r in c.execute(sa.select(artifact).where(mine))}
     present = c.info.get("has_file")
@@ -56,16 +71,25 @@ def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str,
     row = {"state": "live", "created": time.time()}
     if new := [row | {"digest": d, "size": n} for d, n in sizes.items() if d not in states]:
         c.execute(sa.insert(artifact), new)
-    place = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
-    place &= reference.c.kind.in_(list(blobs))
-    held = {r.kind: r.digest for r in c.execute(sa.select(reference).where(place))}
-    if held:
-        c.execute(sa.delete(reference).where(place))
-    line = {"owner": owner[0], "owner_id": str(owner[1])}
-    rows = [line | {"kind": kind, "digest": blob.digest} for kind, blob in blobs.items()]
+
+
+def set_references(
+    c: Connection, owner: str, kind: str, held: Sequence[tuple[object, Blob]]
+) -> None:
+    """Record one file each for many owners, replacing what stood there."""
+    if not held:
+        return
+    sizes = {blob.digest: blob.size for _, blob in held}
+    _record(c, sizes)
+    names = [str(owner_id) for owner_id, _ in held]
+    place = (reference.c.owner == owner) & (reference.c.kind == kind)
+    place &= reference.c.owner_id.in_(names)
+    old = c.execute(sa.delete(reference).where(place).returning(reference.c.digest)).scalars().all()
+    line = {"owner": owner, "kind": kind}
+    rows = [line | {"owner_id": str(i), "digest": blob.digest} for i, blob in held]
     c.execute(sa.insert(reference), rows)
-    if owner[0] not in LASTING:
-        mark_unreferenced(c, set(held.values()) - set(sizes))
+    if owner not in LASTING:
+        mark_unreferenced(c, set(old) - set(sizes))
 
 
 def drop_reference(c: Connection, owner: tuple[str, object], kind: str | None = None) -> None:

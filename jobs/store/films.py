@@ -51,6 +51,7 @@ class FilmRow:
     height: int
     replicates: int
     prefix: Blob | None
+    prefix_record: int
     prefix_chunks: int
     prefix_spp: int
     seconds: float  # of all accepted chunks
@@ -113,12 +114,14 @@ class Merged:
 def next_films(c: Connection, limit: int) -> list[int]:
     """Return films that jobs wait for, most urgent first."""
     wanting = (job.c.ended_spp.is_(None), job.c.blockers == 0)
+    ordinary = (~film.c.whole, film.c.claim_token.is_(None))  # nor made so under a child's hands
     rows = [
         row
         for state in ACTIVE  # each along the index of the queue
         for row in c.execute(
             sa.select(job.c.rank, job.c.id, job.c.film_id)
-            .where(job.c.state == state, *wanting)
+            .join(film)
+            .where(job.c.state == state, *wanting, *ordinary)
             .order_by(job.c.rank.desc(), job.c.id)
             .limit(4 * limit)
         )
@@ -183,6 +186,7 @@ def load_film(c: Connection, film_id: int) -> FilmRow:
         height=r.height,
         replicates=r.replicates,
         prefix=find_reference(c, ("film", film_id), "prefix"),
+        prefix_record=r.prefix_record,
         prefix_chunks=r.prefix_chunks,
         prefix_spp=r.prefix_spp,
         seconds=r.seconds,
@@ -268,6 +272,8 @@ def refuse(c: Connection, token: int, blob: Blob) -> None:
     film_id = c.scalar(sa.select(attempt.c.film_id).where(attempt.c.id == token))
     if film_id is not None:
         complete(c, Report(token, int(film_id), blob, 0.0, 0))
+    else:  # of a batch
+        discard(c, [blob])
 
 
 def give_back(c: Connection, loss: Loss) -> None:
@@ -315,7 +321,8 @@ def film_of(c: Connection, job_id: str) -> int:
 def discard_prefix(c: Connection, film_id: int) -> None:
     """Forget a damaged prefix: the film starts again, and jobs that ended on it wait again."""
     drop_reference(c, ("film", film_id), "prefix")
-    fresh = {"prefix_chunks": 0, "prefix_spp": 0, "pixel_samples": 0, "seconds": 0.0}
+    fresh = {"prefix_chunks": 0, "prefix_spp": 0, "prefix_record": 0, "pixel_samples": 0,
+             "seconds": 0.0}  # fmt: skip
     c.execute(sa.update(film).where(film.c.id == film_id).values(fresh))
     done = sa.update(attempt).where(attempt.c.film_id == film_id, attempt.c.state == "done")
     drop_attempts(c, c.execute(done.values(state="lost").returning(attempt.c.id)).scalars().all())
@@ -341,6 +348,7 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
             .where(film.c.id == merged.film_id)
             .values(
                 prefix_chunks=merged.new_chunks,
+                prefix_record=0,
                 prefix_spp=merged.facts["spp"],
                 relmse=merged.facts["relmse"],
                 relmse_lower=merged.facts["lower"],
@@ -355,8 +363,9 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
         emit(c, "look", waiting.id, waiting.sweep_id, **facts)
     if merged.ended:
         prefix = merged.prefix or _stored_prefix(c, merged.film_id)
+        record = 0 if merged.prefix else _stored_record(c, merged.film_id)
         for ended in merged.ended:
-            end_job(c, ended["job_id"], ended, prefix)
+            end_job(c, ended["job_id"], ended, prefix, record)
     return True
 
 
@@ -366,6 +375,10 @@ def _stored_prefix(c: Connection, film_id: int) -> Blob:
     prefix = find_reference(c, ("film", film_id), "prefix")
     assert prefix is not None
     return prefix
+
+
+def _stored_record(c: Connection, film_id: int) -> int:
+    return int(c.execute(sa.select(film.c.prefix_record).where(film.c.id == film_id)).scalar_one())
 
 
 def _free_chunks(c: Connection, merged: Merged) -> None:
@@ -404,11 +417,12 @@ def void_dead(c: Connection, instance_id: str, pid: int) -> JsonDict:
     dead = c.execute(
         sa.select(attempt.c.id, attempt.c.film_id).where(attempt.c.state == "running")
     ).all()
+    c.execute(sa.update(film).where(film.c.claim_token.is_not(None)).values(claim_token=None))
     voided = sum(
         c.execute(sa.select(sa.func.count()).where(chunk.c.token == token)).scalar_one()
         for token, _ in dead
     )
-    for token, film_id in dead:
+    for token, film_id in dead:  # of a batch film_id is null: it holds no chunks
         give_back(c, Loss(token, film_id, "void", "service_died"))
     present = c.execute(
         sa.select(sa.func.count()).select_from(chunk).where(chunk.c.state == DONE)
@@ -437,7 +451,7 @@ def begun_films(c: Connection) -> list[tuple[tuple[int, int, int, bool], int, in
     rows = c.execute(
         sa.select(film, cap.label("cap"), done.label("done"))
         .join(job, job.c.film_id == film.c.id)
-        .where(WANTING, film.c.pixel_samples > 0)
+        .where(WANTING, film.c.pixel_samples > 0, ~film.c.whole)
         .group_by(film.c.id)
     )
     return [

@@ -8,7 +8,7 @@ write transaction, so that nobody can take a reference between them.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -142,16 +142,28 @@ def film_bytes(c: Connection) -> int:
 def cold_films(c: Connection, limit: int) -> list[ColdFilm]:
     """Return films that may go, the longest unused first."""
     rows = (
-        sa.select(film.c.id, sa.func.sum(artifact.c.size), film.c.used)
+        sa.select(film.c.id, artifact.c.digest, artifact.c.size, film.c.used)
         .join(reference, (reference.c.owner_id == sa.cast(film.c.id, sa.String))
-              & (reference.c.owner == "film"))
+              & (reference.c.owner == "film") & (reference.c.kind == "prefix"))
         .join(artifact, artifact.c.digest == reference.c.digest)
         .where(_idle())
-        .group_by(film.c.id)
         .order_by(film.c.used, film.c.id)
         .limit(limit)
     )  # fmt: skip
-    return [ColdFilm(i, int(size), used) for i, size, used in c.execute(rows)]
+    found = c.execute(rows).all()
+    sharing = _films_in(c, {r.digest for r in found})
+    return [ColdFilm(r.id, r.size // sharing[r.digest], r.used) for r in found]
+
+
+def _films_in(c: Connection, digests: Collection[str]) -> dict[str, int]:
+    """Return how many films each file holds: small ones share."""
+    rows = (
+        sa.select(reference.c.digest, sa.func.count())
+        .where(reference.c.digest.in_(list(digests)))
+        .where(reference.c.owner == "film", reference.c.kind == "prefix")
+        .group_by(reference.c.digest)
+    )
+    return {digest: int(n) for digest, n in c.execute(rows)}
 
 
 def evict_films(c: Connection, names: Sequence[int]) -> int:
@@ -160,6 +172,8 @@ def evict_films(c: Connection, names: Sequence[int]) -> int:
     found = list(c.execute(mine).scalars())
     for film_id in found:
         films.discard_prefix(c, film_id)
+    cells = sa.select(job.c.id).where(job.c.film_id.in_(found), job.c.state.in_(ENDED))
+    drop_references(c, "job", list(c.execute(cells).scalars()), "film")  # nothing to develop
     return len(found)
 
 
@@ -167,7 +181,9 @@ def remove_empty_films(c: Connection, limit: int) -> int:
     """Drop the rows of films that have neither jobs nor samples; return how many."""
     wanted = sa.exists().where(job.c.film_id == film.c.id)
     held = sa.exists().where(
-        reference.c.owner == "film", reference.c.owner_id == sa.cast(film.c.id, sa.String)
+        reference.c.owner == "film",
+        reference.c.kind == "prefix",
+        reference.c.owner_id == sa.cast(film.c.id, sa.String),
     )
     rows = sa.select(film.c.id).where(~wanted, ~held).limit(limit)
     found = list(c.execute(rows).scalars())
@@ -176,6 +192,7 @@ def remove_empty_films(c: Connection, limit: int) -> int:
         drop_references(c, "attempt", [str(token) for token in tokens])
         c.execute(sa.delete(chunk).where(chunk.c.film_id.in_(found)))
         c.execute(sa.delete(attempt).where(attempt.c.film_id.in_(found)))
+        drop_references(c, "film", [str(film_id) for film_id in found])
         c.execute(sa.delete(film).where(film.c.id.in_(found)))
     return len(found)
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -45,6 +45,7 @@ _ENDED = (
     "ended_relmse_lower",
     "ended_relmse_upper",
     "stop_reason",
+    "film_record",
 )
 
 
@@ -80,13 +81,17 @@ class JobSpec:
 
 @dataclass(frozen=True)
 class SweepSpec:
-    """A validated sweep; its cells follow as JobSpecs."""
+    """A validated sweep; jobs are made of its cells by `store.cells`."""
 
     label: str
     mode: str
     axes: list[JsonDict]
     base: JsonDict
     columns: int
+    cells: int
+    priority: int
+    plan: Blob  # the artifact that all cells follow from
+    request: JsonDict  # stop, root, pins and deadline of its cells
     after: tuple[str, ...] = ()
     baseline: int | None = None
 
@@ -110,19 +115,17 @@ def submit_job(c: Connection, spec: JobSpec, key: Key | None = None) -> str:
     if key is not None and (known := replayed(c, key, "job")):
         return known
     dependencies.check(c, spec.after)
-    job_id = _insert_job(c, spec)
+    job_id = insert_job(c, spec)
     dependencies.cancel_if_broken(c, job_id)
     if key is not None:
         _remember(c, key, "job", job_id)
     return job_id
 
 
-def submit_sweep(
-    c: Connection, spec: SweepSpec, cells: Sequence[JobSpec], key: Key | None = None
-) -> str:
-    """Insert a sweep and one job per cell, all in this transaction; return the sweep's id."""
+def insert_sweep(c: Connection, spec: SweepSpec, key: Key | None = None) -> tuple[str, bool]:
+    """Insert a sweep without jobs; return its id, and whether the key knew it already."""
     if key is not None and (known := replayed(c, key, "sweep")):
-        return known
+        return known, True
     sweep_id = str(uuid7())
     dependencies.check(c, spec.after)
     blockers = dependencies.add(c, sweep_id, spec.after)
@@ -133,20 +136,20 @@ def submit_sweep(
             mode=spec.mode,
             axes=dumps(spec.axes),
             base=dumps(spec.base),
-            cells=len(cells),
+            cells=spec.cells,
             columns=spec.columns,
             baseline=spec.baseline,
+            priority=spec.priority,
+            request=dumps(spec.request | {"plan": spec.plan.digest}),
             created=time.time(),
             blockers=blockers,
         )
     )
-    emit(c, "sweep_queued", sweep_id=sweep_id, cells=len(cells))
-    for cell in cells:
-        _insert_job(c, cell, sweep_id, blockers)
-    dependencies.cancel_if_broken(c, sweep_id)
+    add_reference(c, ("sweep", sweep_id), "plan", spec.plan)
+    emit(c, "sweep_queued", sweep_id=sweep_id, cells=spec.cells)
     if key is not None:
         _remember(c, key, "sweep", sweep_id)
-    return sweep_id
+    return sweep_id, False
 
 
 def replayed(c: Connection, key: Key, kind: str) -> str | None:
@@ -172,15 +175,14 @@ def _remember(c: Connection, key: Key, kind: str, target_id: str) -> None:
 
 
 def _find_or_add_film(c: Connection, spec: FilmSpec) -> tuple[int, int]:
-    row = c.execute(
-        sa.select(film.c.id, film.c.prefix_spp, film.c.state).where(
-            film.c.film_key == spec.film_key
-        )
-    ).first()
+    wanted = sa.select(film.c.id, film.c.prefix_spp, film.c.state, film.c.whole)
+    row = c.execute(wanted.where(film.c.film_key == spec.film_key)).first()
     if row is not None:
         c.execute(sa.update(film).where(film.c.id == row.id).values(used=time.time()))
         if row.state == "failed":  # asked for again: the attempts start over
             reopen_film(c, row.id)
+        if row.whole:
+            make_ordinary(c, row.id, spec)
         return row.id, row.prefix_spp
     result = c.execute(
         sa.insert(film)
@@ -205,7 +207,8 @@ def reopen_film(c: Connection, film_id: int) -> None:
     """Let a failed film be tried again."""
     from matiere.jobs.store.tables import chunk
 
-    c.execute(sa.update(film).where(film.c.id == film_id).values(state="open"))
+    fresh = {"state": "open", "tries": 0, "losses": 0}
+    c.execute(sa.update(film).where(film.c.id == film_id).values(fresh))
     c.execute(sa.update(chunk).where(chunk.c.film_id == film_id).values(tries=0, losses=0))
 
 
@@ -216,9 +219,17 @@ def reopen_if_failed(c: Connection, film_ids: Any) -> None:
         reopen_film(c, film_id)
 
 
-def _insert_job(
-    c: Connection, spec: JobSpec, sweep_id: str | None = None, blockers: int = 0
-) -> str:
+def make_ordinary(c: Connection, film_id: int, spec: FilmSpec) -> None:
+    """Let a small film of a sweep be rendered chunk by chunk, as a job beside the sweep may want.
+
+    A child that holds it whole ends first.
+    """
+    values = {"whole": False, "scene": dumps(spec.scene), "assets": dumps(spec.assets)}
+    c.execute(sa.update(film).where(film.c.id == film_id).values(values))
+
+
+def insert_job(c: Connection, spec: JobSpec, sweep_id: str | None = None, blockers: int = 0) -> str:
+    """Insert a job, and its film if it is new, within a transaction; return its id."""
     film_id, prefix_spp = _find_or_add_film(c, spec.film)
     job_id, now = str(uuid7()), time.time()
     if sweep_id is None:
@@ -339,7 +350,8 @@ def cancel_job(c: Connection, job_id: str) -> bool:
 
 
 def cancel_sweep(c: Connection, sweep_id: str) -> int:
-    """Cancel the live cells of a sweep; return how many."""
+    """Cancel the live cells of a sweep and those without jobs; return how many of the first."""
+    c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(cancelled=True))
     rows = sa.select(job.c.id).where(job.c.sweep_id == sweep_id, job.c.state.in_(LIVE))
     found = c.execute(rows).scalars().all()
     for job_id in found:
@@ -366,11 +378,13 @@ def fail_job(c: Connection, job_id: str, error: JobError) -> None:
 
 
 # -- ending -----------------------------------------------------------------------------------
-def end_job(c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob) -> None:
+def end_job(
+    c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob, record: int = 0
+) -> None:
     """Record that a job's stop rule fired; it keeps `prefix` until its images are made.
 
-    `facts` holds spp, seconds, relmse, lower, upper, reason and cached. A job that was paused a
-    moment ago stays paused.
+    `record` is the film's place in that file. `facts` holds spp, seconds, relmse, lower, upper,
+    reason and cached. A job that was paused a moment ago stays paused.
     """
     state = c.scalar(sa.select(job.c.state).where(job.c.id == job_id))
     if state is None or JobState(state).final:
@@ -388,6 +402,7 @@ def end_job(c: Connection, job_id: str, facts: Mapping[str, Any], prefix: Blob) 
             ended_relmse_upper=facts["upper"],
             stop_reason=facts["reason"],
             cached=facts["cached"],
+            film_record=record,
         )
     )
     add_reference(c, ("job", job_id), "film", prefix)
@@ -427,7 +442,8 @@ def finish_sweep(c: Connection, sweep_id: str, sheet: Blob | None) -> None:
 def finished_sweeps(c: Connection) -> list[str]:
     """Return sweeps whose cells have all ended but which are not closed yet."""
     live = sa.exists().where(job.c.sweep_id == sweep.c.id, job.c.state.in_(LIVE))
-    rows = sa.select(sweep.c.id).where(sweep.c.finished.is_(None), ~live)
+    whole = (sweep.c.expanded == sweep.c.cells) | sweep.c.cancelled
+    rows = sa.select(sweep.c.id).where(sweep.c.finished.is_(None), whole, ~live)
     return list(c.execute(rows).scalars())
 
 

@@ -22,10 +22,17 @@ def page_rows(c: Connection, sweep_id: str, page: int) -> list[JsonDict]:
     """Return the rows of one page's cells, each with the digest of its signature or None."""
     cells = (job.c.cell >= page * PAGE) & (job.c.cell < (page + 1) * PAGE)
     mine = (reference.c.owner == "job") & (reference.c.owner_id == job.c.id)
+    stored = reference.alias()
+    its = (stored.c.owner == "job") & (stored.c.owner_id == job.c.id) & (stored.c.kind == "film")
     joined = job.join(film).outerjoin(reference, mine & (reference.c.kind == SIGNATURE))
     rows = (
-        sa.select(job, film.c.film_key, reference.c.digest.label("signature"))
-        .select_from(joined)
+        sa.select(
+            job,
+            film.c.film_key,
+            reference.c.digest.label("signature"),
+            stored.c.digest.label("film_file"),
+        )
+        .select_from(joined.outerjoin(stored, its))
         .where(job.c.sweep_id == sweep_id, cells)
         .order_by(job.c.cell)
     )
@@ -50,6 +57,7 @@ def _row(r: Any) -> JsonDict:
         "film_key": r.film_key,
         "job_id": r.id,
         "signature": r.signature,
+        "film": [r.film_file, r.film_record] if r.film_file else None,
     }  # fmt: skip
 
 

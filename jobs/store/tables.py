@@ -40,12 +40,19 @@ film = Table(
     Column("id", Serial, primary_key=True, autoincrement=True),
     Column("film_key", String(64), nullable=False, unique=True),
     Column("geometry_key", String(64), nullable=False),
-    Column("scene", Text, nullable=False),  # JSON without output and stop rule
+    Column("scene", Text, nullable=False),  # JSON without output and stop rule; "": see plan, cell
     Column("assets", Text, nullable=False),  # JSON {name: sha256}, pinned at submission
     Column("width", Integer, nullable=False),
     Column("height", Integer, nullable=False),
     Column("replicates", Integer, nullable=False),
     Column("state", String(16), nullable=False),  # open | failed
+    Column("whole", Boolean, nullable=False, default=False),  # small: rendered by one child at once
+    Column("plan", String(64)),  # of a small film of a sweep: the artifact that holds the sweep,
+    Column("cell", Integer),  # and which of its cells the scene is
+    Column("claim_token", Serial),  # attempt that holds the whole film
+    Column("tries", Integer, nullable=False, default=0),  # crashes while it was rendered whole
+    Column("losses", Integer, nullable=False, default=0),  # kills from outside meanwhile
+    Column("prefix_record", Integer, nullable=False, default=0),  # place of the film in its file
     Column("prefix_chunks", Integer, nullable=False, default=0),  # plan indices [0, n) are merged
     Column("prefix_spp", BigInteger, nullable=False, default=0),
     Column("pixel_samples", BigInteger, nullable=False, default=0),  # accepted, merged or not
@@ -58,6 +65,7 @@ film = Table(
     Column("created", Float, nullable=False),
     Column("used", Float, nullable=False, server_default="0"),  # the longest unused goes first
     Index("ix_film_used", "used"),
+    Index("ix_film_claim_token", "claim_token"),
 )
 
 sweep = Table(
@@ -69,6 +77,11 @@ sweep = Table(
     Column("axes", Text, nullable=False),
     Column("base", Text, nullable=False),
     Column("cells", Integer, nullable=False),
+    Column("expanded", Integer, nullable=False, default=0),  # cells [0, n) have jobs
+    Column("cancelled", Boolean, nullable=False, default=False),  # the others never get one
+    Column("paused", Boolean, nullable=False, default=False),  # nor while this lasts
+    Column("priority", Integer, nullable=False, default=50),
+    Column("request", Text, nullable=False, default="{}"),  # JSON that makes jobs of cells
     Column("columns", Integer, nullable=False),
     Column("baseline", Integer),  # cell that others are compared with
     Column("created", Float, nullable=False),
@@ -90,6 +103,7 @@ job = Table(
     Column("stop", Text, nullable=False),
     Column("spp_cap", BigInteger, nullable=False),  # no sample beyond this boundary is wanted
     Column("output", Text, nullable=False),
+    Column("film_record", Integer, nullable=False, default=0),  # place in the job's film file
     Column("label", Text, nullable=False),
     Column("cached", Boolean, nullable=False, default=False),
     Column("prefix_spp_at_submit", BigInteger, nullable=False, default=0),
@@ -118,6 +132,7 @@ job = Table(
     Column("pinned", Boolean, nullable=False, server_default=false()),  # kept whatever its age
     Index("ix_job_finished", "finished"),
     Index("ix_job_sweep", "sweep_id", "cell"),
+    Index("ix_job_sweep_state", "sweep_id", "state"),
 )
 
 # What a job or sweep (`waiter`) waits for: a job or sweep that was there before it.
@@ -159,7 +174,7 @@ attempt = Table(
     "attempt",
     metadata,
     Column("id", Serial, primary_key=True, autoincrement=True),  # the fencing token
-    Column("film_id", Serial, ForeignKey("film.id"), nullable=False, index=True),
+    Column("film_id", Serial, ForeignKey("film.id"), index=True),  # null: a batch of small films
     Column("instance_id", String(36), nullable=False),
     Column("child", Integer, nullable=False),  # pid
     Column("chunks", Integer, nullable=False),

@@ -11,7 +11,16 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import JobNotFound
-from matiere.jobs.job import AGEING_S, Job, JobError, JobState, JsonDict, Sweep
+from matiere.jobs.job import (
+    AGEING_S,
+    ARTIFACT_MEDIA_TYPES,
+    IMAGES,
+    Job,
+    JobError,
+    JobState,
+    JsonDict,
+    Sweep,
+)
 from matiere.jobs.store import dependencies
 from matiere.jobs.store.files import references_of
 from matiere.jobs.store.tables import film, job, job_history, sweep
@@ -60,14 +69,19 @@ def list_jobs(
 
 
 def job_facts(c: Connection, job_id: str) -> JsonDict:
-    """Return what making a job's images needs beyond the Job: scene, output, chunk counters."""
+    """Return what making a job's images needs beyond the Job: scene, output, chunk counters.
+
+    Instead of a scene, a small film of a sweep has the `plan` and `cell` that it follows from.
+    """
     row = c.execute(
-        sa.select(job.c.output, film)
+        sa.select(job.c.output, job.c.film_record, film)
         .join(film, film.c.id == job.c.film_id)
         .where(job.c.id == job_id)
     ).one()
+    source = {"scene": json.loads(row.scene)} if row.scene else {"plan": row.plan, "cell": row.cell}
     return {
-        "scene": json.loads(row.scene),
+        **source,
+        "record": row.film_record,
         "output": json.loads(row.output),
         "assets": json.loads(row.assets),
         "width": row.width,
@@ -110,12 +124,19 @@ def _jobs(c: Connection, query: sa.Select[Any]) -> list[Job]:
     return [
         _job(
             r,
-            [k for k in kinds.get(r.id, []) if k not in INNER],
+            _fetchable(r.state, kinds.get(r.id, [])),
             needs.get(r.sweep_id or r.id, ()),
             tuple(past.get(r.id, ())),
         )
         for r in rows
     ]
+
+
+def _fetchable(state: str, kinds: Sequence[str]) -> list[str]:
+    """Leave out the film; what it holds of an ended cell is developed when somebody asks."""
+    made = {kind for kind in kinds if kind not in INNER}
+    on_demand = "film" in kinds and state == JobState.SUCCEEDED.value
+    return sorted(made | set(IMAGES)) if on_demand else sorted(made)
 
 
 def _history(c: Connection, job_ids: Sequence[str]) -> dict[str, list[JsonDict]]:
@@ -208,6 +229,9 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
     )
     for sweep_id, state, n in c.execute(grouped):
         found[sweep_id][state] = n
+    for r in rows:  # cells that have no job yet
+        state = JobState.CANCELLED if r.cancelled else JobState.QUEUED
+        found[r.id][state.value] += r.cells - r.expanded
     return [
         Sweep(
             id=r.id,
@@ -220,7 +244,7 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
             finished=r.finished,
             columns=r.columns,
             baseline=r.baseline,
-            artifacts=tuple(k for k in kinds.get(r.id, []) if not k.startswith("night-")),
+            artifacts=tuple(k for k in kinds.get(r.id, []) if k in ARTIFACT_MEDIA_TYPES),
             after=needs.get(r.id, ()),
             waiting_for=r.blockers,
             pinned=bool(r.pinned),

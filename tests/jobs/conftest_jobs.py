@@ -49,6 +49,27 @@ def report_of(engine: Any, job_id: str) -> dict[str, Any]:
     return dict(json.loads(Path(engine.artifact(job_id, "report.json").path).read_text()))
 
 
+def submit_sweep(
+    db: Any, count: int, name: str, after: tuple[str, ...] = (), plan: Any = None
+) -> str:
+    """Insert a sweep of films that are rendered chunk by chunk; return its id."""
+    from matiere.jobs.store.cells import submit_sweep as insert
+    from matiere.jobs.store.files import Blob
+    from matiere.jobs.store.jobs import SweepSpec
+
+    request = {"stop": None, "root": "", "pins": {}}
+    plan = plan or Blob(64 * "0", 1)
+    spec = SweepSpec("s", "grid", [], {}, 3, count, 50, plan, request, after)
+    size = {"width": 8, "height": 8, "replicates": 2}
+    rows = [
+        size | {"film_key": f"{name}{n}", "geometry_key": "g", "scene": {}, "pins": {}, "cell": n,
+                "stop": {"spp": 4}, "spp_cap": 4, "output": {}, "label": "", "parameters": {},
+                "small": False}
+        for n in range(count)
+    ]  # fmt: skip
+    return str(db.write(lambda c: insert(c, spec, rows)))
+
+
 class Service:
     """A process that owns a data directory and submits what it is told, to be killed."""
 

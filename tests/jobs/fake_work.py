@@ -179,7 +179,7 @@ def misdeed(scene: JsonDict, index: int) -> None:
         for _ in range(1024):
             os.write(2, line)
         return
-    os.kill(os.getpid(), getattr(signal, wanted["kind"]))
+    signal.raise_signal(getattr(signal, wanted["kind"]))  # in this thread, as a real crash comes
 
 
 def open_scene(
@@ -188,10 +188,12 @@ def open_scene(
     replicates: int,
     threads: int,
     flag: Any = None,
-    on_read: Callable[[], None] = lambda: None,
+    on_read: Callable[[], None] | None = None,
+    like: Any = None,
 ) -> FakeScene:
     time.sleep(scene.get("read_s", 0.0))
-    on_read()
+    if on_read is not None:
+        on_read()
     if flag is not None and flag.wait(scene.get("build_s", 0.0)):
         raise Cancelled("cancelled while building")
     for name, digest in assets["pins"].items():
@@ -225,6 +227,10 @@ class FakeFold:
 
     def to_bytes(self) -> bytes:
         return self.sums.tobytes() + self.counts.tobytes()
+
+
+def sign(fold: FakeFold, scene: FakeScene, film_key: str) -> bytes:
+    return b"signature of " + film_key.encode()
 
 
 def open_fold(plan: FakePlan, stored: memoryview | None) -> FakeFold:
@@ -278,6 +284,10 @@ def _signature(fold: FakeFold, scene: JsonDict, spp: int) -> bytes:
 
 def engines() -> JsonDict:
     return {"fake": {"matiere": "fake"}}
+
+
+def make_picture(stored: memoryview, header: JsonDict, request: JsonDict) -> bytes:
+    return make_images(stored, header, request)["image.png"]
 
 
 def make_sheet(cells: list[JsonDict], request: JsonDict) -> bytes:

@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
-from conftest_jobs import FAKE, SCENE, report_of, stored, wait_until
+from conftest_jobs import FAKE, SCENE, report_of, stored, submit_sweep, wait_until
 
 from matiere.errors import SceneValidationError
 from matiere.jobs import Engine, JobState, open_engine
@@ -164,10 +164,7 @@ def test_images_made_for_an_earlier_attempt_are_refused(db: Database) -> None:
 
 
 def test_a_requeued_sweep_is_open_again(db: Database) -> None:
-    film = [jobs.FilmSpec(f"k{n}", "g", {}, {}, 8, 8, 2) for n in range(3)]
-    cells = [jobs.JobSpec(f, {"spp": 4}, 4, {}, 50, "", cell=n) for n, f in enumerate(film)]
-    spec = jobs.SweepSpec("s", "grid", [], {}, 3)
-    sweep_id = db.write(lambda c: jobs.submit_sweep(c, spec, cells))
+    sweep_id = submit_sweep(db, 3, "k")
     ids = [job.id for job in db.read(lambda c: views.list_jobs(c, None, sweep_id, None, 9))]
     assert db.write(lambda c: control.pause_sweep(c, sweep_id)) == 3
     assert db.write(lambda c: control.set_sweep_priority(c, sweep_id, 9)) == 3
@@ -222,10 +219,7 @@ def test_a_failure_cancels_all_that_wait_for_it_and_a_requeue_brings_them_back(
 
 def test_a_sweep_can_wait_and_be_waited_for(db: Database) -> None:
     first = submit(db, "a")
-    film = [jobs.FilmSpec(f"s{n}", "g", {}, {}, 8, 8, 2) for n in range(2)]
-    cells = [jobs.JobSpec(f, {"spp": 4}, 4, {}, 50, "", cell=n) for n, f in enumerate(film)]
-    spec = jobs.SweepSpec("s", "grid", [], {}, 2, after=(first,))
-    sweep_id = db.write(lambda c: jobs.submit_sweep(c, spec, cells))
+    sweep_id = submit_sweep(db, 2, "s", after=(first,))
     last = submit(db, "z", after=(sweep_id,))
     assert queue(db) == [1]
     assert db.read(lambda c: views.get_sweep(c, sweep_id)).waiting_for == 1

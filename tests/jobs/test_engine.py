@@ -255,7 +255,7 @@ def test_an_endless_reader_holds_up_neither_submissions_nor_other_jobs(
     from matiere.jobs import utility_queue
 
     wait_until(lambda: all(child["ready"] for child in engine.status()["children"]))
-    monkeypatch.setattr("matiere.jobs.scheduler.CHECK_S", 0.3)
+    monkeypatch.setattr("matiere.jobs.questions.CHECK_S", 0.3)
     monkeypatch.setitem(utility_queue.LIMIT_S, utility_queue.CHECK, 1.0)
     job = engine.submit_job(SCENE | {"mesh": "endless"})
     assert engine.wait_job(job.id, 30).state == "succeeded", "the stand-in renders without it"

@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 import sqlalchemy as sa
-from conftest_jobs import FAKE, SCENE, open_engine, report_of, stored, wait_until
+from conftest_jobs import FAKE, SCENE, open_engine, report_of, stored, submit_sweep, wait_until
 
 from matiere.jobs import Engine
 from matiere.jobs.datadir import DataDir
@@ -113,9 +113,7 @@ def test_results_go_after_their_days_and_pinned_ones_stay(shelf: Shelf) -> None:
 def test_a_sweep_goes_whole_or_stays_whole(shelf: Shelf) -> None:
     sweeps = []
     for base in (10, 20, 30):
-        spec = jobs.SweepSpec("s", "grid", [], {}, 1)
-        cells = [shelf.spec(base + i) for i in range(3)]
-        sweeps.append(shelf.db.write(lambda c, s=spec, k=cells: jobs.submit_sweep(c, s, k)))  # type: ignore[misc]
+        sweeps.append(submit_sweep(shelf.db, 3, str(base), plan=shelf.blob("plan")))
         shelf.db.write(lambda c, name=sweeps[-1]: jobs.cancel_sweep(c, name))  # type: ignore[misc]
         shelf.db.write(lambda c, name=sweeps[-1]: jobs.finish_sweep(c, name, shelf.blob(name)))  # type: ignore[misc]
     gone, kept, by_cell = sweeps

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
+from pydantic import BaseModel
 
 from matiere.errors import AssetChanged, Fault, SceneValidationError, pointed, pointer
 from matiere.materials import metal
@@ -45,6 +46,18 @@ class Flattened:
     description: _core.RenderDescription
     center: tuple[float, float, float]
     notes: tuple[dict[str, Any], ...] = ()
+    parts: Parts | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Parts:
+    """What a scene that differs in its materials alone need not read again."""
+
+    spaces: dict[str, str]
+    textures: dict[str, int]
+    measured: dict[str, Arrays]
+    profiles: dict[str, IesProfile]
+    notes: tuple[dict[str, Any], ...]
 
 
 @dataclass(slots=True)
@@ -84,6 +97,7 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     if work.faults:
         raise SceneValidationError(work.faults)
     center = scene_center(model, [mesh for _, mesh in meshes])
+    parts = Parts(work.spaces, work.textures, work.measured, work.profiles, tuple(work.notes))
     _add_film_and_camera(model, center, work)
     _add_materials(model, work)
     _add_meshes(meshes, center, work)
@@ -95,7 +109,74 @@ def flatten(model: SceneModel, assets: AssetRoot) -> Flattened:
     if work.faults:
         raise SceneValidationError(work.faults)
     x, y, z = (float(c) for c in center)
-    return Flattened(work.description, (x, y, z), tuple(work.notes))
+    parts = replace(parts, notes=tuple(work.notes))
+    return Flattened(work.description, (x, y, z), tuple(work.notes), parts)
+
+
+def flatten_like(
+    model: SceneModel, parts: Parts, center: tuple[float, float, float], built: _core.Scene
+) -> Flattened:
+    """Return the description of a scene that has everything but materials from a built one.
+
+    The caller knows that shapes, lights, textures in use, environment, background and files are
+    the same (`alike`). Nothing is read.
+    """
+    from matiere import _core
+
+    work = _Work(
+        _core.RenderDescription(),
+        spaces=parts.spaces,
+        textures=parts.textures,
+        measured=parts.measured,
+        profiles=parts.profiles,
+    )
+    _check_scalar_textures(model, work)
+    if work.faults:
+        raise SceneValidationError(work.faults)
+    middle = np.asarray(center, np.float64)
+    work.description.share(built)
+    _add_film_and_camera(model, middle, work)
+    _add_materials(model, work)
+    _add_lights(model, middle, work)
+    return Flattened(work.description, center, parts.notes, parts)
+
+
+def alike(one: SceneModel, other: SceneModel) -> bool:
+    """Tell whether two models differ at most in parameters, camera, film and render settings."""
+    same = (
+        list(one.materials) == list(other.materials)
+        and _equal(one.lights, other.lights)
+        and _equal(one.environment, other.environment)
+        and _equal(one.background, other.background)
+        and _equal(_used_textures(one), _used_textures(other))
+        and _equal(one.shapes, other.shapes)
+    )
+    if not same:
+        return False
+    return all(
+        one.materials[name].emission == other.materials[name].emission
+        and one.materials[name].files() == other.materials[name].files()
+        for name in one.materials
+    )
+
+
+def _equal(one: Any, other: Any) -> bool:
+    """Compare models that may hold arrays."""
+    if type(one) is not type(other):
+        return False
+    if isinstance(one, BaseModel):
+        names = type(one).model_fields
+        return all(_equal(getattr(one, name), getattr(other, name)) for name in names)
+    if isinstance(one, np.ndarray):
+        return bool(np.array_equal(one, other))
+    if isinstance(one, list | tuple):
+        return len(one) == len(other) and all(map(_equal, one, other))
+    return bool(one == other)
+
+
+def _used_textures(model: SceneModel) -> list[tuple[str, Any]]:
+    used = {t for material in model.materials.values() for t in material.textures().values()}
+    return [(name, texture) for name, texture in model.textures.items() if name in used]
 
 
 def scene_center(model: SceneModel, meshes: list[PlacedMesh]) -> Vector:
@@ -148,10 +229,7 @@ def _collected(at: str, work: _Work) -> Iterator[None]:
 
 def _add_textures(model: SceneModel, assets: AssetRoot, work: _Work) -> None:
     """Add the textures that a material uses; the others are not even read."""
-    used = {t for material in model.materials.values() for t in material.textures().values()}
-    for name, texture in model.textures.items():
-        if name not in used:
-            continue
+    for name, texture in _used_textures(model):
         at = pointer("textures", name)
         with _collected(at, work):
             loaded = load_texture(texture, assets)

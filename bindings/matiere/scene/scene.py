@@ -18,7 +18,7 @@ from matiere.scene.model import SceneModel
 
 if TYPE_CHECKING:
     from matiere import _core
-    from matiere.scene.flatten import Flattened
+    from matiere.scene.flatten import Flattened, Parts
 
 
 class Scene:
@@ -31,6 +31,7 @@ class Scene:
         self._built: _core.Scene | None = None
         self._notes: tuple[dict[str, Any], ...] = ()
         self._center = (0.0, 0.0, 0.0)
+        self._parts: Parts | None = None
 
     def __repr__(self) -> str:
         film = self.model.film
@@ -92,6 +93,7 @@ class Scene:
 
         flattened = flatten(self.model, self._root)
         self._notes, self._center = flattened.notes, flattened.center
+        self._parts = flattened.parts
         return flattened
 
     def build(
@@ -99,17 +101,21 @@ class Scene:
         threads: int = 0,
         cancel: _core.CancelToken | None = None,
         on_read: Callable[[], None] | None = None,
+        like: Scene | None = None,
     ) -> _core.Scene:
         """Return the core's scene (acceleration structure, light tables); kept once built.
 
         `threads` is the number of threads that build, 0 for one per usable core. `cancel`, raised
         by another thread, stops the building; `on_read` is called when all files have been read,
-        which it does not stop. Raises SceneValidationError for what only building can find out,
-        and Cancelled.
+        which it does not stop. What `like`, a built scene, has in common is shared where the two
+        differ in material parameters, camera, film and render settings alone. Raises
+        SceneValidationError for what only building can find out, and Cancelled.
         """
         from matiere import _core
 
         with self._lock:
+            if self._built is None and like is not None:
+                self._built = self._built_like(like, threads)
             if self._built is None:
                 description = self._flatten().description
                 if on_read is not None:
@@ -124,6 +130,29 @@ class Scene:
                     why = str(getattr(error, "message", error))
                     raise SceneValidationError([Fault(where, code, why)]) from None
             return self._built
+
+    def _built_like(self, like: Scene, threads: int) -> _core.Scene | None:
+        """Build with the shapes, textures and maps of another scene; None where they differ."""
+        from matiere import _core
+        from matiere.scene.flatten import alike, flatten_like
+
+        mine, theirs = self._root, like._root
+        same_files = (mine.root, mine.pins) == (theirs.root, theirs.pins) and bool(mine.pins)
+        if like._built is None or like._parts is None or not alike(self.model, like.model):
+            return None
+        if not same_files and (self._file_names() or like._file_names()):
+            return None  # a file may have changed between the two
+        flattened = flatten_like(self.model, like._parts, like._center, like._built)
+        try:
+            built = _core.Scene(flattened.description, threads)
+        except _core.SceneError:  # built by itself it says what is wrong, if anything is
+            return None
+        self._notes, self._center = flattened.notes, flattened.center
+        self._parts = flattened.parts
+        return built
+
+    def _file_names(self) -> list[str]:
+        return [name for _, name, _ in references.files(self._document())]
 
     def with_render(self, **changes: Any) -> Scene:
         """Return the scene with other render settings, its files shared and nothing built."""
