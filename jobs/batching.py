@@ -11,6 +11,7 @@ import time
 from collections import OrderedDict
 from typing import TYPE_CHECKING
 
+from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.children import LEASE_S, Child
 from matiere.jobs.errors import JobsError
 from matiere.jobs.job import JobError, JsonDict
@@ -28,6 +29,7 @@ WINDOW = 2048  # small films that are looked at together
 FEW = 512  # below so many that wait a sweep is expanded further
 SLICE = 256  # cells of one expansion
 MOST_FILMS = 512  # of one claim
+MOST_BYTES = 2**24  # of the films of one claim: a file is read whole to show one of them
 FIRST_SAMPLES = 30_000.0  # of a claim before anything was measured
 CLAIM_S = 1.0
 OVERHEAD_SAMPLES = 2000  # what opening a scene costs, in samples
@@ -126,12 +128,14 @@ class Batching:
         share = -(-len(urgent) // (2 * len(self._scheduler.slots)))  # the tail is shared out
         most = MOST_FILMS if self._full or self._sweeps else min(MOST_FILMS, max(share, 1))
         taken: list[SmallFilm] = []
+        room = MOST_BYTES
         for f in urgent:
             if f.geometry_key != same.geometry_key:
                 continue
             taken.append(f)
             aim -= f.samples + OVERHEAD_SAMPLES
-            if aim <= 0 or len(taken) >= most:
+            room -= f.width * f.height * f.replicates * BYTES_PER_SAMPLE_SUM
+            if aim <= 0 or room <= 0 or len(taken) >= most:
                 break
         for f in taken:
             del self._films[f.id]

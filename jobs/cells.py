@@ -21,7 +21,7 @@ BYTES_PER_SAMPLE_SUM = 56  # at most: 4 doubles per pixel and replicate, 3 of th
 KEPT_SWEEPS = 4
 VERSION = 1
 # A small film is rendered, folded and stored by one child at once, many to a file.
-SMALL_BYTES = 2**20
+SMALL_BYTES = 2**22
 SMALL_SAMPLES = 2**20
 STOP_KEYS = ("spp", "seconds", "target_error")
 Locate = Callable[[str], str]

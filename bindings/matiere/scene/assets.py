@@ -11,6 +11,7 @@ import hashlib
 import os
 import re
 import stat
+import time
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import BufferedReader
@@ -19,6 +20,8 @@ from pathlib import Path
 from matiere.errors import AssetChanged, Fault, SceneValidationError
 
 MAX_ASSET_BYTES = 4 * 2**30
+MAX_HASHED = 1000  # files whose digests a process keeps
+RESTED_NS = 2 * 10**9
 _URL = re.compile(r"^[A-Za-z][A-Za-z0-9+.-]+:")
 
 
@@ -37,6 +40,9 @@ class _Seen:
         return _Seen(
             status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns, status.st_ctime_ns
         )
+
+
+_HASHED: dict[Path, tuple[_Seen, str]] = {}
 
 
 @dataclass(slots=True)
@@ -90,6 +96,11 @@ class AssetRoot:
             known = self._hash(name, real)
         return known[1]
 
+    def known(self, name: str) -> str | None:
+        """Return the digest that a file had when it was last looked at; None if it never was."""
+        found = self._digests.get(name)
+        return found[1] if found else None
+
     def read(self, name: str) -> bytes:
         """Return the bytes of a file that has the pinned (or the first seen) digest."""
         real = self.check(name)
@@ -112,8 +123,14 @@ class AssetRoot:
 
     def _hash(self, name: str, real: Path) -> tuple[_Seen, str]:
         with _open(real) as file:
-            digest = hashlib.file_digest(file, "sha256").hexdigest()
             seen = _Seen.of(os.fstat(file.fileno()))
+            known = _HASHED.get(real)
+            if known is None or known[0] != seen:
+                digest = hashlib.file_digest(file, "sha256").hexdigest()
+                seen = _Seen.of(os.fstat(file.fileno()))
+                _remember(real, seen, digest)
+            else:
+                digest = known[1]
         return self._settle(name, seen, digest)
 
     def _settle(self, name: str, seen: _Seen, digest: str) -> tuple[_Seen, str]:
@@ -127,6 +144,14 @@ class AssetRoot:
             raise AssetChanged([Fault("", "asset_changed", why)])
         self._digests[name] = (seen, digest)
         return self._digests[name]
+
+
+def _remember(real: Path, seen: _Seen, digest: str) -> None:
+    """Keep a digest for other scenes, of a file that has rested: clocks of files are coarse."""
+    if time.time_ns() - max(seen.modified_ns, seen.changed_ns) > RESTED_NS:
+        _HASHED[real] = seen, digest
+        while len(_HASHED) > MAX_HASHED:
+            _HASHED.pop(next(iter(_HASHED)), None)
 
 
 def unsafe(name: str) -> str | None:

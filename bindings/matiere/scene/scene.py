@@ -136,12 +136,13 @@ class Scene:
         from matiere import _core
         from matiere.scene.flatten import alike, flatten_like
 
-        mine, theirs = self._root, like._root
-        same_files = (mine.root, mine.pins) == (theirs.root, theirs.pins) and bool(mine.pins)
         if like._built is None or like._parts is None or not alike(self.model, like.model):
             return None
-        if not same_files and (self._file_names() or like._file_names()):
-            return None  # a file may have changed between the two
+        names = self._file_names()
+        if names != like._file_names():
+            return None
+        if any(self._root.digest(name) != like._root.known(name) for name in names):
+            return None
         flattened = flatten_like(self.model, like._parts, like._center, like._built)
         try:
             built = _core.Scene(flattened.description, threads)
@@ -152,7 +153,7 @@ class Scene:
         return built
 
     def _file_names(self) -> list[str]:
-        return [name for _, name, _ in references.files(self._document())]
+        return sorted({name for _, name, _ in references.files(self._document())})
 
     def with_render(self, **changes: Any) -> Scene:
         """Return the scene with other render settings, its files shared and nothing built."""
