@@ -397,6 +397,12 @@ class UtilityQueue:
 
     # -- sheets ---------------------------------------------------------------------------------
     def _sheet_request(self, sweep_id: str) -> JsonDict | None:
+        """Describe a sweep's contact sheet; close a large sweep without."""
+        cells = self._scheduler.db.read(lambda c: views.get_sweep(c, sweep_id)).cells
+        if cells > SHEET_CELLS:
+            self._scheduler.db.write(lambda c: jobs.finish_sweep(c, sweep_id, None))
+            return None
+
         def read(c: Any) -> JsonDict:
             sweep = views.get_sweep(c, sweep_id)
             cells = []

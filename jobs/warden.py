@@ -20,6 +20,8 @@ LOOK_S = 0.5  # between two looks at the deadlines
 CHILDREN_SHARE = 0.75  # of the memory, for all children together
 MIB = 2**20
 
+DISOBEYED = ("lost", "killed by the service because it did not stop when it was told to cancel")
+
 
 def press_cancels(child: Child, now: float) -> bool:
     """Kill a child that does not obey a cancel; tell whether one is still to be obeyed.
@@ -33,9 +35,9 @@ def press_cancels(child: Child, now: float) -> bool:
     first = next(iter(child.inflight.values()))
     reading = first.cancelled is not None and first.phase == "reading"
     if waited > KILL_AFTER_S or (reading and now - first.cancelled > READING_KILL_S):
-        child.kill()
+        child.kill(cause=DISOBEYED)
     elif waited > TERM_AFTER_S and not child.killed:
-        child.kill(signal.SIGTERM)
+        child.kill(signal.SIGTERM, cause=DISOBEYED)
     return True
 
 

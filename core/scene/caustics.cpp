@@ -21,7 +21,7 @@ constexpr std::uint64_t kSeed = 0x63617573746963ULL;
 /// Photons started from every sharp surface to see what they are worth, and in all after that: at
 /// most so many, fewer for a small film, whose samples would take less time than the search.
 constexpr std::uint32_t kPilot = 1 << 11, kStarts = 1 << 19;
-constexpr std::uint32_t kLeastPilot = 1 << 8, kLeastStarts = 1 << 12, kStartsPerPixel = 8;
+constexpr std::uint32_t kLeastPilot = 1 << 10, kLeastStarts = 1 << 13, kStartsPerPixel = 8;
 constexpr std::uint32_t kBlock = 1 << 10;  // photons of one unit of work
 constexpr int kMaxDepth = 16;
 /// A direction sampled with less density than this [1/sr] is one that camera paths find well.

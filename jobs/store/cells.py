@@ -174,6 +174,35 @@ def _insert_small(
     emit_all(c, "queued", [(row["id"], about.id, {"cached": row["cached"]}) for row in rows])
     end_cells(c, [(job_id, about.id, facts) for job_id, facts, _ in ended], now)
     set_references(c, "job", "film", [(job_id, blob) for job_id, _, blob in ended])
+    spp = {job_id: facts["spp"] for job_id, facts, _ in ended}
+    _copy_images(c, [row | {"spp": spp[row["id"]]} for row in rows if row["id"] in spp])
+
+
+def _copy_images(c: Connection, ended: Sequence[JsonDict]) -> None:
+    """Give cells the images of earlier jobs with the same samples, stop rule and output."""
+    if not ended:
+        return
+    rows = c.execute(
+        sa.select(job.c.film_id, job.c.ended_spp, job.c.stop, job.c.output, reference.c.kind)
+        .add_columns(artifact.c.digest, artifact.c.size)
+        .join(reference, (reference.c.owner == "job") & (reference.c.owner_id == job.c.id))
+        .join(artifact, artifact.c.digest == reference.c.digest)
+        .where(
+            job.c.film_id.in_([row["film_id"] for row in ended]),
+            job.c.state == JobState.SUCCEEDED.value,
+            reference.c.kind != "film",
+        )
+    )
+    made: dict[tuple[Any, ...], dict[str, Blob]] = {}
+    for *same, kind, digest, size in rows:
+        made.setdefault(tuple(same), {})[kind] = Blob(digest, size)
+    held: dict[str, list[tuple[object, Blob]]] = {}
+    for row in ended if made else ():
+        same = [row[name] for name in ("film_id", "spp", "stop", "output")]
+        for kind, blob in made.get(tuple(same), {}).items():
+            held.setdefault(kind, []).append((row["id"], blob))
+    for kind, blobs in held.items():
+        set_references(c, "job", kind, blobs)
 
 
 def _job_row(about: Any, request: JsonDict, r: Row, now: float) -> JsonDict:

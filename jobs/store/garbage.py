@@ -233,9 +233,15 @@ def unlink_marked(c: Connection, remove: Callable[[Sequence[str]], None], limit:
 def usage(c: Connection) -> JsonDict:
     """Return files and bytes by what they are for, each file counted once, where first named."""
     mine = reference.c.digest == artifact.c.digest
-    order = (("results", ("job", "sweep")), ("films", ("film",)), ("chunks", ("attempt",)))
+    order = (("results", ("job", "sweep")), ("films", ("film", "job")), ("chunks", ("attempt",)))
+    its_film = reference.c.kind == "film"  # what a job holds to be developed later
     cases = [
-        (sa.exists().where(mine, reference.c.owner.in_(owners)), sa.literal(name))
+        (
+            sa.exists().where(
+                mine, reference.c.owner.in_(owners), ~its_film if name == "results" else sa.true()
+            ),
+            sa.literal(name),
+        )
         for name, owners in order
     ]
     kind = sa.case(*cases, else_="unnamed").label("kind")

@@ -230,7 +230,7 @@ class FakeFold:
 
 
 def sign(fold: FakeFold, scene: FakeScene, film_key: str) -> bytes:
-    return b"signature of " + film_key.encode()
+    return _signature(fold, scene.scene, int(fold.counts.max()))
 
 
 def open_fold(plan: FakePlan, stored: memoryview | None) -> FakeFold:

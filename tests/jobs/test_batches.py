@@ -62,6 +62,7 @@ def test_every_cell_of_a_large_sweep_becomes_a_job_and_ends(engine: Engine) -> N
     assert [job.parameters["v"] for job in jobs] == list(range(1, MANY + 1))
     assert all(job.spp == 16 and job.relmse == 1 / 16 and not job.cached for job in jobs)
     assert films_on_disk(engine) < MANY / 4, "many films to a file"
+    assert done.finished and "contact-sheet.png" not in done.artifacts, "too many for one sheet"
 
 
 def test_pixels_are_those_of_a_job_of_its_own(engine: Engine, quiet: Engine) -> None:
