@@ -9,6 +9,8 @@ import itertools
 import logging
 import time
 from collections import OrderedDict
+from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING
 
 from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
@@ -28,11 +30,31 @@ log = logging.getLogger("matiere.jobs.batching")
 WINDOW = 2048  # small films that are looked at together
 FEW = 512  # below so many that wait a sweep is expanded further
 SLICE = 256  # cells of one expansion
+MOST_SLICES = 6  # of one sweep that are looked at at once
 MOST_FILMS = 512  # of one claim
 MOST_BYTES = 2**24  # of the films of one claim: a file is read whole to show one of them
 FIRST_SAMPLES = 30_000.0  # of a claim before anything was measured
 CLAIM_S = 1.0
 OVERHEAD_SAMPLES = 2000  # what opening a scene costs, in samples
+
+
+@dataclass
+class Ahead:
+    """How far a sweep is looked at beyond the cells that have jobs."""
+
+    expanded: int  # cells [0, expanded) have jobs
+    cursor: int  # cells [0, cursor) are handed out
+    flying: set[int] = field(default_factory=set)  # first cells of slices that children hold
+    ready: dict[int, list[JsonDict]] = field(default_factory=dict)  # rows, waiting for their turn
+
+
+@dataclass(frozen=True)
+class Slice:
+    """Cells [first, end) of a sweep."""
+
+    sweep_id: str
+    first: int
+    end: int
 
 
 class Batching:
@@ -43,7 +65,7 @@ class Batching:
         self._scheduler = scheduler
         self._films: OrderedDict[int, SmallFilm] = OrderedDict()
         self._sweeps: list[Expansion] = []
-        self._expanding: set[str] = set()
+        self._ahead: dict[str, Ahead] = {}
         self._tokens = itertools.count(-1, -1)  # of expansions, which need no fence
         self._rates: dict[str, float] = {}
         self._bad: dict[str, int] = {}  # expansions of a sweep that failed, one after the other
@@ -57,6 +79,8 @@ class Batching:
         self._full = len(found) >= WINDOW // 2
         self._press()
         self._sweeps = self._scheduler.db.read(cells.unexpanded)
+        known = {sweep.sweep_id for sweep in self._sweeps}
+        self._ahead = {name: ahead for name, ahead in self._ahead.items() if name in known}
 
     def _press(self) -> None:
         """Cancel claims of films that nobody wants any more."""
@@ -77,7 +101,9 @@ class Batching:
     def expansion_due(self) -> Expansion | None:
         """Return the sweep to make more jobs of, if its jobs run out."""
         for sweep in self._sweeps:
-            if sweep.sweep_id not in self._expanding and sweep.waiting < FEW + SLICE:
+            ahead = self._ahead.setdefault(sweep.sweep_id, Ahead(sweep.expanded, sweep.expanded))
+            slices = len(ahead.flying) + len(ahead.ready)
+            if ahead.cursor < sweep.cells and slices < MOST_SLICES and sweep.waiting < FEW + SLICE:
                 return sweep
         return None
 
@@ -86,12 +112,14 @@ class Batching:
         """Ask a child for the next slice of a sweep."""
         from matiere.jobs.scheduler import Held
 
-        self._expanding.add(sweep.sweep_id)
-        end = min(sweep.expanded + SLICE, sweep.cells)
+        ahead = self._ahead[sweep.sweep_id]
+        part = Slice(sweep.sweep_id, ahead.cursor, min(ahead.cursor + SLICE, sweep.cells))
+        ahead.cursor = part.end
+        ahead.flying.add(part.first)
         token = next(self._tokens)
         child.send("expand", token=token, plan=sweep.plan, assets={"root": sweep.root},
-                   first=sweep.expanded, end=end)  # fmt: skip
-        return Held(token, -1, [], 0, now, kind="expand", detail=sweep)
+                   first=part.first, end=part.end)  # fmt: skip
+        return Held(token, -1, [], 0, now, kind="expand", detail=part)
 
     def claim(self, child: Child, now: float) -> Held | None:
         """Give a child the most urgent films that share their geometry; None if none is left."""
@@ -143,14 +171,23 @@ class Batching:
 
     # -- reports ----------------------------------------------------------------------------------
     def expanded(self, held: Held, body: JsonDict) -> None:
-        """Make jobs of the cells that a child has looked at."""
-        sweep: Expansion = held.detail
-        self._expanding.discard(sweep.sweep_id)
-        self._bad.pop(sweep.sweep_id, None)
-        s = self._scheduler
-        rows = body["cells"]
-        s.db.write(lambda c: cells.insert_cells(c, sweep.sweep_id, sweep.expanded, rows))
-        s.health.counters["cells_expanded"] += len(rows)
+        """Keep the cells that a child has looked at, and make jobs of all whose turn it is."""
+        part: Slice = held.detail
+        self._bad.pop(part.sweep_id, None)
+        self._insert(part, body["cells"])
+
+    def _insert(self, part: Slice, rows: list[JsonDict]) -> None:
+        s, ahead = self._scheduler, self._ahead.get(part.sweep_id)
+        if ahead is None or part.first not in ahead.flying:
+            return  # of a course that was given up
+        ahead.flying.discard(part.first)
+        ahead.ready[part.first] = rows
+        while (rows := ahead.ready.pop(ahead.expanded, [])) and part.sweep_id in self._ahead:
+            of, first = part.sweep_id, ahead.expanded
+            if not s.db.write(partial(cells.insert_cells, sweep_id=of, first=first, rows=rows)):
+                del self._ahead[part.sweep_id]  # cancelled
+            ahead.expanded += len(rows)
+            s.health.counters["cells_expanded"] += len(rows)
         s.dirty()
         s.utility.sweeps_may_have_ended()
 
@@ -205,8 +242,7 @@ class Batching:
         """Take back what a child does not finish; `state` as in `give_back_films`."""
         s = self._scheduler
         if held.kind == "expand":
-            self._expanding.discard(held.detail.sweep_id)
-            self._expansion_failed(held.detail, state, error)
+            self._expansion_lost(held.detail, state, error)
         else:
             begun = [held.begun] if held.begun is not None else list(held.detail)[:1]
             guilty = s.db.write(
@@ -226,25 +262,25 @@ class Batching:
             why = f"gave up after {max(tries, losses)} attempts: {error.message}"
             s.fail_film(film_id, JobError(error.code, why, error.pointer, error.log_tail))
 
-    def _expansion_failed(self, sweep: Expansion, state: str, error: JobError | None) -> None:
-        """A slice that its child cannot make jobs of, again and again, fails as a whole."""
+    def _expansion_lost(self, part: Slice, state: str, error: JobError | None) -> None:
+        """Begin again where jobs end; a slice that fails again and again fails as a whole."""
         from matiere.jobs.scheduler import MAX_TRIES
 
-        if state != "failed" or error is None:
-            return
-        s = self._scheduler
-        self._bad[sweep.sweep_id] = self._bad.get(sweep.sweep_id, 0) + 1
-        if self._bad[sweep.sweep_id] < MAX_TRIES:
-            return
-        del self._bad[sweep.sweep_id]
-        end = min(sweep.expanded + SLICE, sweep.cells)
-        fault = {"code": error.code, "message": error.message, "pointer": error.pointer}
-        rows: list[JsonDict] = [
-            {"cell": i, "parameters": {}, "label": f"cell {i}", "fault": fault}
-            for i in range(sweep.expanded, end)
-        ]
-        s.db.write(lambda c: cells.insert_cells(c, sweep.sweep_id, sweep.expanded, rows))
-        s.utility.sweeps_may_have_ended()
+        if state == "failed" and error is not None:
+            self._bad[part.sweep_id] = self._bad.get(part.sweep_id, 0) + 1
+            if self._bad[part.sweep_id] >= MAX_TRIES:
+                del self._bad[part.sweep_id]
+                self._insert(part, _failed_rows(part, error))
+                return
+        self._ahead.pop(part.sweep_id, None)
+
+
+def _failed_rows(part: Slice, error: JobError) -> list[JsonDict]:
+    fault = {"code": error.code, "message": error.message, "pointer": error.pointer}
+    return [
+        {"cell": i, "parameters": {}, "label": f"cell {i}", "fault": fault}
+        for i in range(part.first, part.end)
+    ]
 
 
 def _request(f: SmallFilm) -> JsonDict:

@@ -200,3 +200,20 @@ def test_json_round_trip_keeps_the_digest(tmp_path: Path) -> None:
     assert again.digest == scene.digest
     assert mt.film_key(again) == mt.film_key(scene)
     assert again.to_json() == scene.to_json()
+
+
+def test_the_film_key_is_that_of_the_whole_document(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Members kept from scene to scene change nothing, in whatever order scenes come."""
+    from matiere.scene import digest
+
+    scenes = []
+    for name in ("origin", "target", "origin", "vfov", "aperture"):
+        scene = rich(tmp_path)
+        CHANGES_PIXELS[name](scene)
+        scenes.append(mt.load(scene, asset_root=tmp_path))
+    ours = [digest.film_key(scene) for scene in scenes]
+    monkeypatch.setattr(digest, "_sha256_by_member", digest._sha256)
+    assert ours == [digest.film_key(scene) for scene in scenes]
+    assert len(set(ours)) == 4

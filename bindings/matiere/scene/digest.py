@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matiere.scene.checks import Node
     from matiere.scene.scene import Scene
 
+_TEXTS: dict[str, tuple[Any, bytes]] = {}  # by member: its newest value and canonical form
 # Stop rules and presentation: a longer, shorter or differently shown render is of the same film.
 _STOP_RULE = ("spp", "seconds", "target_error")
 # What of `_core.info()` tells one engine's samples from another's.
@@ -44,7 +45,7 @@ def film_key(scene: Scene) -> str:
     document["film"]["filter_radius"] = scene.model.film.radius
     document["render"]["replicates"] = scene.model.render.replicates or _core.DEFAULT_REPLICATES
     document["engine"] = fingerprint()
-    return _sha256(document)
+    return _sha256_by_member(document)
 
 
 def fingerprint() -> dict[str, Any]:
@@ -101,6 +102,24 @@ def _node(node: Node | Any, scene: Scene) -> dict[str, Any]:
 def _array_digest(array: np.ndarray[Any, Any]) -> str:
     little = array.astype(array.dtype.newbyteorder("<"), copy=False)
     return hashlib.sha256(np.ascontiguousarray(little).tobytes()).hexdigest()
+
+
+def _sha256_by_member(document: dict[str, Any]) -> str:
+    """Return the same as `_sha256`, with the text of members that are as they were last time.
+
+    The canonical form of an object is that of its members in order; the cells of a sweep differ in
+    few of them.
+    """
+    import rfc8785
+
+    texts = []
+    for name in sorted(document):
+        value, known = document[name], _TEXTS.get(name)
+        if known is None or known[0] != value:
+            known = value, rfc8785.dumps({name: value})[1:-1]
+            _TEXTS[name] = known
+        texts.append(known[1])
+    return hashlib.sha256(b"{" + b",".join(texts) + b"}").hexdigest()
 
 
 def _sha256(document: dict[str, Any]) -> str:
