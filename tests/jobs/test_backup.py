@@ -13,6 +13,8 @@ from postgres_server import binaries, shared_server
 
 from matiere.jobs import open_engine
 from matiere.jobs.backup import BackupError, _without_password, backup
+from matiere.jobs.store import views
+from matiere.jobs.store.database import Database
 
 SLOW = SCENE | {
     "value": 2.0,
@@ -49,10 +51,12 @@ def test_a_copy_of_a_working_service_goes_on_elsewhere(tmp_path: Path) -> None:
             engine.artifact(done.id, k).digest for k in done.artifacts
         }
     (tmp_path / "data").rename(tmp_path / "lost")  # nothing may be read from the old place
+    copied = Database(tmp_path / "copy" / "store.sqlite")
+    state = copied.read(lambda c: views.get_job(c, slow.id)).state
+    copied.close()
+    assert not state.final, "as it was at the moment of the copy"
     with open_engine(tmp_path / "copy", children=2, **FAKE) as engine:
         assert engine.get_job(done.id).state == "succeeded"
-        again = engine.get_job(slow.id)
-        assert not again.state.final, "as it was at the moment of the copy"
         again = engine.wait_job(slow.id, 60)
         assert (again.state, again.spp) == ("succeeded", 96), again.error
         assert report_of(engine, slow.id)["sums"] == sums
