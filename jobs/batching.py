@@ -10,7 +10,6 @@ import logging
 import time
 from collections import OrderedDict
 from dataclasses import dataclass, field
-from functools import partial
 from typing import TYPE_CHECKING
 
 from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
@@ -89,7 +88,7 @@ class Batching:
             for held in list(slot.child.inflight.values()) if slot.child else []:
                 if held.kind != "batch" or held.cancelled is not None or slot.child is None:
                     continue
-                if not s.db.read(lambda c, h=held: batches.any_wanted(c, h.token)):  # type: ignore[misc]
+                if not s.db.read(batches.any_wanted, held.token):
                     held.cancelled = time.monotonic()
                     slot.child.send("cancel", token=held.token)
 
@@ -184,7 +183,7 @@ class Batching:
         ahead.ready[part.first] = rows
         while (rows := ahead.ready.pop(ahead.expanded, [])) and part.sweep_id in self._ahead:
             of, first = part.sweep_id, ahead.expanded
-            if not s.db.write(partial(cells.insert_cells, sweep_id=of, first=first, rows=rows)):
+            if not s.db.write(cells.insert_cells, of, first, rows):
                 del self._ahead[part.sweep_id]  # cancelled
             ahead.expanded += len(rows)
             s.health.counters["cells_expanded"] += len(rows)
@@ -231,11 +230,11 @@ class Batching:
             if f["error"] == "disk_full":
                 s.pause_for_disk(f["message"])
             elif f["error"] == "damaged_file":
-                s.db.write(lambda c, d=f["digest"]: batches.forget_prefix(c, d))  # type: ignore[misc]
+                s.db.write(batches.forget_prefix, f["digest"])
             elif f["permanent"]:
                 s.fail_film(f["id"], error)
             else:
-                s.db.write(lambda c, i=f["id"]: batches.blame(c, [i], "failed"))  # type: ignore[misc]
+                s.db.write(batches.blame, [f["id"]], "failed")
                 self._fail_if_hopeless(f["id"], error)
 
     def lost(self, held: Held, state: str, error: JobError | None = None) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Callable
 from typing import Any
@@ -13,7 +14,7 @@ from matiere.jobs.store import control, jobs
 from matiere.jobs.store.database import Database
 
 
-class Controls:
+class Controls(ABC):
     """Cancel, pause, resume, requeue, priority: of a job, or of all cells of a sweep.
 
     Each is short, durable when it returns, and harmless when it is sent twice.
@@ -22,13 +23,13 @@ class Controls:
     _db: Database
     _scheduler: Scheduler
 
+    @abstractmethod
     def get_job(self, job_id: str) -> Job:
         """Return a job."""
-        raise NotImplementedError
 
+    @abstractmethod
     def get_sweep(self, sweep_id: str) -> Sweep:
         """Return a sweep."""
-        raise NotImplementedError
 
     # -- jobs ---------------------------------------------------------------------------------
     def cancel_job(self, job_id: str) -> Job:

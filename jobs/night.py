@@ -15,6 +15,7 @@ from __future__ import annotations
 
 import json
 import os
+from abc import ABC, abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from pathlib import Path
@@ -39,7 +40,7 @@ class NightError(MatiereError):
     default_code = "not_a_night"
 
 
-class Night:
+class Night(ABC):
     """The cells of one night. Use `open_folder` or `StoredNight`."""
 
     def __init__(self, head: Mapping[str, Any], rows: Sequence[JsonDict]) -> None:
@@ -66,9 +67,9 @@ class Night:
             found[key] = row
         return found
 
+    @abstractmethod
     def data(self, row: JsonDict) -> bytes | None:
         """Return the bytes of a cell's signature, or None if it has none."""
-        raise NotImplementedError
 
     def signature(self, row: JsonDict) -> Signature | None:
         """Return a cell's signature, or None if it has none. Raises FilmError if damaged."""

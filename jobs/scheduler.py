@@ -462,7 +462,7 @@ class Scheduler(Questions, threading.Thread):
         wanted = self.db.read(lambda c: films.next_films(c, 2 + 4 * self.options.children))
         for film_id in wanted:
             if film_id not in self.films:
-                row = self.db.read(lambda c, i=film_id: films.load_film(c, i))  # type: ignore[misc]
+                row = self.db.read(films.load_film, film_id)
                 self.films[film_id] = FilmWork(row, self.work, now)
         waiting = self.db.read(lambda c: films.waiting_by_film(c, list(self.films)))
         idle = [film_id for film_id, found in waiting.items() if not found]

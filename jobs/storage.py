@@ -14,7 +14,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -139,14 +139,14 @@ class Storage:
         old, unnamed = self._before()
         found = Collected()
         while names := self._db.read(lambda c: garbage.old_jobs(c, old, SLICE)):
-            found.jobs += self._db.write(lambda c, n=names: garbage.remove_jobs(c, n, old))  # type: ignore[misc]
+            found.jobs += self._db.write(garbage.remove_jobs, names, old)
         for name in self._db.read(lambda c: garbage.old_sweeps(c, old, 10**6)):
             gone = 0
-            while self._db.write(lambda c, n=name: garbage.remove_cells(c, n, old, SLICE)):  # type: ignore[misc]
+            while self._db.write(garbage.remove_cells, name, old, SLICE):
                 gone = 1
             found.sweeps += gone
         for film in self._beyond_limit():
-            if self._db.write(lambda c, i=film.id: garbage.evict_films(c, [i])):  # type: ignore[misc]
+            if self._db.write(garbage.evict_films, [film.id]):
                 found.films += 1
                 found.film_bytes += film.size
         while self._db.write(lambda c: garbage.remove_empty_films(c, SLICE)):
@@ -197,16 +197,13 @@ class Storage:
         folder, count = self._data.artifacts, 0
         old = folder.written_before(before)
         while not stopped() and (batch := list(itertools.islice(old, SLICE))):
-            if not self._db.read(lambda c, b=batch: files.unknown(c, b)):  # type: ignore[misc]
+            if not self._db.read(files.unknown, batch):
                 continue
 
-            def drop(c: object, batch: Sequence[str] = batch) -> int:
-                strangers = files.unknown(c, batch)  # type: ignore[arg-type]
-                folder.remove_all(strangers)
-                return len(strangers)
-
             with self._unlinking, holding(self._data.root, exclusive=True) as held:
-                count += self._db.write(drop) if held else 0
+                count += (
+                    self._db.write(garbage.unlink_unknown, folder.remove_all, batch) if held else 0
+                )
         return count
 
 

@@ -14,6 +14,7 @@ import logging
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from matiere.jobs.film_work import FilmWork
@@ -125,16 +126,16 @@ class UtilityQueue:
     def read_queue(self) -> None:
         """Find jobs to develop and sweeps to close."""
         for job_id in self._scheduler.db.read(jobs.jobs_to_develop):
-            self._add(Task(IMAGES, job_id, lambda i=job_id: self.images_request(i)))  # type: ignore[misc]
+            self._add(Task(IMAGES, job_id, partial(self.images_request, job_id)))
         self.sweeps_may_have_ended()
 
     def sweeps_may_have_ended(self) -> None:
         """Find sweeps whose cells have all ended."""
         for sweep_id in self._scheduler.db.read(jobs.finished_sweeps):
-            for page in self._scheduler.db.read(lambda c, i=sweep_id: nights.missing_pages(c, i)):  # type: ignore[misc]
+            for page in self._scheduler.db.read(nights.missing_pages, sweep_id):
                 key = f"{sweep_id}/{page}"
-                self._add(Task(NIGHT, key, lambda k=key: self._night_request(k)))  # type: ignore[misc]
-            self._add(Task(SHEET, sweep_id, lambda i=sweep_id: self._sheet_request(i)))  # type: ignore[misc]
+                self._add(Task(NIGHT, key, partial(self._night_request, key)))
+            self._add(Task(SHEET, sweep_id, partial(self._sheet_request, sweep_id)))
 
     def _add(self, task: Task) -> None:
         if (task.kind, task.key) not in self._known:
@@ -327,7 +328,7 @@ class UtilityQueue:
         if film is not None and (tokens := film.forget_file(digest)):
             film.merging = False
             for token, samples in tokens.items():
-                s.db.write(lambda c, t=token, n=samples: films.discard_file(c, film_id, t, n))  # type: ignore[misc]
+                s.db.write(films.discard_file, film_id, token, samples)
         else:
             s.db.write(lambda c: films.discard_prefix(c, film_id))
             s.films.pop(film_id, None)  # read anew, with the jobs that wait again

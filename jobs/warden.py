@@ -63,7 +63,7 @@ class Warden:
         self._looked = now
         db = self._scheduler.db
         for job_id, film_id in db.read(lambda c: control.due(c, time.time())):
-            if db.write(lambda c, i=job_id: control.expire_job(c, i)):  # type: ignore[misc]
+            if db.write(control.expire_job, job_id):
                 self._scheduler.health.counters["jobs_expired"] += 1
                 self._scheduler.wake()
                 self._scheduler.utility.sweeps_may_have_ended()

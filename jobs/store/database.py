@@ -12,7 +12,7 @@ import threading
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import alembic.command
 import alembic.config
@@ -26,6 +26,7 @@ from matiere.jobs.store import postgresql, sqlite
 
 logging.getLogger("alembic").setLevel(logging.WARNING)
 T = TypeVar("T")
+P = ParamSpec("P")
 
 
 def _translate(error: sa.exc.DBAPIError) -> StoreError:
@@ -33,7 +34,8 @@ def _translate(error: sa.exc.DBAPIError) -> StoreError:
     full = ("disk is full", "No space left", "disk I/O error")
     if any(words in text for words in full) or getattr(error.orig, "sqlstate", "") == "53100":
         return DiskFull(f"the job database cannot grow: {text}; free space on its disk")
-    if type(error.orig).__module__.startswith("psycopg") and error.orig.sqlstate is None:  # type: ignore[union-attr]
+    ours = type(error.orig).__module__.startswith("psycopg")
+    if ours and getattr(error.orig, "sqlstate", None) is None:
         return StoreError(f"cannot reach the job database: {text}")
     return StoreError(f"the job database refused: {text}")
 
@@ -72,19 +74,26 @@ class Database:
             raise
 
     # -- transactions -------------------------------------------------------------------------
-    def write(self, action: Callable[[Connection], T]) -> T:
-        """Run `action` in one write transaction in the writer thread; raise what it raises."""
+    def write(
+        self, action: Callable[Concatenate[Connection, P], T], *args: P.args, **kwargs: P.kwargs
+    ) -> T:
+        """Run `action(connection, ...)` in one write transaction; raise what it raises.
+
+        It runs in the writer thread.
+        """
         if self._closed:
             raise StoreError("the job database is closed")
         future: Future[T] = Future()
-        self._tasks.put((action, future))
+        self._tasks.put((lambda c: action(c, *args, **kwargs), future))
         return future.result()
 
-    def read(self, action: Callable[[Connection], T]) -> T:
-        """Run `action` on a read-only connection, in one consistent snapshot."""
+    def read(
+        self, action: Callable[Concatenate[Connection, P], T], *args: P.args, **kwargs: P.kwargs
+    ) -> T:
+        """Run `action(connection, ...)` on a read-only connection, in one consistent snapshot."""
         try:
             with self._readers.connect() as connection, connection.begin():
-                return action(connection)
+                return action(connection, *args, **kwargs)
         except sa.exc.DBAPIError as error:
             raise _translate(error) from error
 

@@ -18,7 +18,7 @@ from sqlalchemy.engine import Connection
 from matiere.jobs.errors import JobNotFound
 from matiere.jobs.job import JobState, JsonDict
 from matiere.jobs.store import films
-from matiere.jobs.store.files import drop_references
+from matiere.jobs.store.files import drop_references, unknown
 from matiere.jobs.store.jobs import LIVE
 from matiere.jobs.store.tables import (
     artifact,
@@ -227,6 +227,15 @@ def unlink_marked(c: Connection, remove: Callable[[Sequence[str]], None], limit:
         remove(digests)
         c.execute(sa.delete(artifact).where(artifact.c.digest.in_(digests)))
     return len(digests)
+
+
+def unlink_unknown(
+    c: Connection, remove: Callable[[Sequence[str]], None], digests: Sequence[str]
+) -> int:
+    """Unlink those of the files that no row knows: their makers were killed; return how many."""
+    strangers = unknown(c, digests)
+    remove(strangers)
+    return len(strangers)
 
 
 # -- how much ---------------------------------------------------------------------------------

@@ -114,8 +114,8 @@ def test_a_sweep_goes_whole_or_stays_whole(shelf: Shelf) -> None:
     sweeps = []
     for base in (10, 20, 30):
         sweeps.append(submit_sweep(shelf.db, 3, str(base), plan=shelf.blob("plan")))
-        shelf.db.write(lambda c, name=sweeps[-1]: jobs.cancel_sweep(c, name))  # type: ignore[misc]
-        shelf.db.write(lambda c, name=sweeps[-1]: jobs.finish_sweep(c, name, shelf.blob(name)))  # type: ignore[misc]
+        shelf.db.write(jobs.cancel_sweep, sweeps[-1])
+        shelf.db.write(jobs.finish_sweep, sweeps[-1], shelf.blob(sweeps[-1]))
     gone, kept, by_cell = sweeps
     assert shelf.storage.pin(kept, True) == "sweep"
     cell = shelf.db.read(lambda c: views.list_jobs(c, None, by_cell, None, 9))[1]
@@ -134,11 +134,8 @@ def test_films_go_in_the_order_of_their_last_use(tmp_path: Path, store: str) -> 
     named = [shelf.done(n) for n in (1, 2, 3)]
     used = sa.update(tables.film)
     for film_id, age in ((1, 300.0), (2, 500.0), (3, 400.0)):
-        shelf.db.write(
-            lambda c, i=film_id, t=age: c.execute(  # type: ignore[misc]
-                used.where(tables.film.c.id == i).values(used=shelf.now - t)
-            )
-        )
+        then = used.where(tables.film.c.id == film_id).values(used=shelf.now - age)
+        shelf.db.write(sa.Connection.execute, then)
     found = shelf.storage.collect()
     assert (found.films, found.film_bytes) == (1, 6)
     assert [shelf.film(n).exists() for n in (1, 2, 3)] == [True, False, True]
