@@ -29,6 +29,7 @@ COLOURS = (
     "#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9", "#7f7f00", "#000000",
 )  # fmt: skip
 WIDTH, HEIGHT = 760, 480
+MAX_INSIDE = 4  # curves whose key finds room above them
 LEFT, RIGHT, TOP, BOTTOM = 82, 24, 52, 62
 MAX_LEGEND = 16
 MAX_BANDS = 8  # beyond that the bands hide each other
@@ -114,14 +115,17 @@ def draw_errors(curves: Iterable[Curve], title: str, goal: Goal | None = None) -
     x = _axis([p.seconds for p in points] + ahead[:1], LEFT, WIDTH - RIGHT)
     errors = [v for p in points for v in (p.all() if bands else [p.relmse])]
     y = _axis(errors + ahead[1:], HEIGHT - BOTTOM, TOP)
-    page = Canvas(WIDTH, HEIGHT)
+    beside = len(known) > MAX_INSIDE
+    longest = max(len(name) for name, _ in known[:MAX_LEGEND])
+    page = Canvas(WIDTH + (int(_key_width(longest)) if beside else 0), HEIGHT)
     _frame(page, x, y, title, bands)
     _slope(page, x, y, points)
     for index, (_, some) in enumerate(known):
         _curve(page, x, y, some, COLOURS[index % len(COLOURS)], bands)
     if goal is not None:
         _goal(page, x, y, known[0][1][-1], goal, ahead)
-    _legend(page, [name for name, _ in known], wide=any(p.any_time for p in points) and bands)
+    wide = any(p.any_time for p in points) and bands
+    _legend(page, [name for name, _ in known], wide, beside)
     return page
 
 
@@ -297,20 +301,26 @@ def _goal(
     page.text((WIDTH / 2, 43), f"target: {goal.text}; {state}", color="#a04000")
 
 
-def _legend(page: Canvas, names: Sequence[str], wide: bool) -> None:
+def _legend(page: Canvas, names: Sequence[str], wide: bool, beside: bool) -> None:
     shown = [*names[:MAX_LEGEND]]
     entries = [(name, COLOURS[i % len(COLOURS)], 0) for i, name in enumerate(shown)]
     if len(names) > MAX_LEGEND:
         entries.append((f"and {len(names) - MAX_LEGEND} more", "#ffffff", 0))
     if wide:
         entries.append(("light band: all looks at once", "#ffffff", 0))
-    _key(page, [*entries, ("1 / time", "#888888", 5)])
+    _key(page, [*entries, ("1 / time", "#888888", 5)], beside)
 
 
-def _key(page: Canvas, entries: Sequence[tuple[str, str, int]]) -> None:
-    """Write what colours mean into the upper right corner: (text, colour, dash)."""
-    width = 34 + 6.6 * max(len(name) for name, _, _ in entries)
+def _key_width(letters: int) -> float:
+    return 34 + 6.6 * max(letters, len("and 99 more"))
+
+
+def _key(page: Canvas, entries: Sequence[tuple[str, str, int]], beside: bool = False) -> None:
+    """Write what colours mean into the upper right corner, or beside it: (text, colour, dash)."""
+    width = _key_width(max(len(name) for name, _, _ in entries))
     left, top = WIDTH - RIGHT - width - 6, TOP + 6
+    if beside:
+        left, top = WIDTH - RIGHT + 6, TOP
     bottom = top + 16 * len(entries) + 8
     box = [(left, top), (left + width, top), (left + width, bottom), (left, bottom)]
     page.area(box, "#ffffff", 0.85)
