@@ -23,13 +23,12 @@ import importlib
 import logging
 import os
 import shutil
-import threading
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
-from typing import Any, TypeVar
+from typing import Any
 
 from uuid6 import uuid7
 
@@ -48,13 +47,13 @@ from matiere.jobs.errors import (
     JobsError,
     NotReadyYet,
 )
+from matiere.jobs.feed import Feed
 from matiere.jobs.job import (
     ARTIFACT_MEDIA_TYPES,
     DEFAULT_PRIORITY,
     IMAGES,
     Artifact,
     Check,
-    Event,
     Job,
     JobState,
     JsonDict,
@@ -64,16 +63,13 @@ from matiere.jobs.job import (
 from matiere.jobs.rules import Rules
 from matiere.jobs.scheduler import Options, Scheduler
 from matiere.jobs.storage import Janitor, Storage
-from matiere.jobs.store import batches, cells, events, files, films, jobs, views
+from matiere.jobs.store import batches, cells, files, films, jobs, views
 from matiere.jobs.store.database import Database
 from matiere.jobs.submission import Request, Submitter, body_hash
 from matiere.jobs.term import Term
 
 log = logging.getLogger("matiere.jobs.engine")
-T = TypeVar("T")
 DEFAULT_WORK = "matiere.jobs.work"
-POLL_S = 0.05
-SHARED_POLL_S = 0.5
 MIN_FREE_BYTES = 2 * 10**9
 # What a child reports of itself, not of the request.
 BREAKDOWNS = (
@@ -128,7 +124,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineNights):
+class Engine(Controls, EngineNights, Feed):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(
@@ -138,8 +134,8 @@ class Engine(Controls, EngineNights):
         self.data_dir, self.children = data.root, options.children
         self.threads_per_child = options.threads
         self._data, self._db = data, database
-        self._closed, self._version = False, 0
-        self._changed = threading.Condition()
+        self._closed = False
+        self._follow()
         module = importlib.import_module(options.work)
         self._db.on_commit = self._notify
         term = Term(database)
@@ -394,25 +390,6 @@ class Engine(Controls, EngineNights):
         """Yield the bytes of an artifact, wherever it lies."""
         return self._data.artifacts.stream(artifact.digest)
 
-    def events(
-        self,
-        after: int = 0,
-        *,
-        job_id: str | None = None,
-        sweep_id: str | None = None,
-        limit: int = 500,
-        wait_s: float = 0.0,
-    ) -> list[Event]:
-        """Return events with `seq > after`, waiting up to `wait_s` for the first."""
-        end = time.monotonic() + wait_s
-        while True:
-            version = self._version
-            found = self._db.read(lambda c: events.read_events(c, after, job_id, sweep_id, limit))
-            left = end - time.monotonic()
-            if found or left <= 0 or self._closed:
-                return found
-            self._await_change(version, left)
-
     # -- assets -------------------------------------------------------------------------------
     def missing_assets(self, digests: Iterable[str]) -> list[str]:
         """Return those SHA-256 digests (lower-case hex) that must still be uploaded."""
@@ -523,28 +500,6 @@ class Engine(Controls, EngineNights):
         path = str(self._data.artifacts.path(blob.digest) or "")
         media_type = ARTIFACT_MEDIA_TYPES[kind][0]
         return Artifact(kind, blob.digest, blob.size, path, media_type)
-
-    def _notify(self) -> None:
-        with self._changed:
-            self._version += 1
-            self._changed.notify_all()
-
-    def _await_change(self, version: int, timeout_s: float) -> None:
-        if self._db.shared:  # another process may make the change
-            timeout_s = min(timeout_s, SHARED_POLL_S)
-        with self._changed:
-            self._changed.wait_for(lambda: self._version != version, timeout_s)
-
-    def _wait(self, get: Callable[[], T], done: Callable[[T], bool], timeout_s: float | None) -> T:
-        end = None if timeout_s is None else time.monotonic() + timeout_s
-        while True:
-            version = self._version
-            value = get()
-            left = 1.0 if end is None else end - time.monotonic()
-            if done(value) or left <= 0 or self._closed:
-                return value
-            self._await_change(version, min(1.0, left))
-            time.sleep(min(POLL_S, left))  # a busy queue commits often
 
     def _write_probe(self) -> None:
         digest, _ = self._data.artifacts.write([f"probe {uuid7()}".encode()])

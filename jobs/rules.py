@@ -13,3 +13,4 @@ class Rules:
     film_bytes: int | None = None
     grace_hours: float = 24.0
     min_free_bytes: int = 2 * 10**9  # below so much free disk no new work is begun
+    events_kept: int = 500_000  # for clients that resume

@@ -23,7 +23,7 @@ from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import Busy, JobsError
 from matiere.jobs.job import JsonDict
 from matiere.jobs.rules import Rules
-from matiere.jobs.store import files, garbage
+from matiere.jobs.store import events, files, garbage
 from matiere.jobs.store.database import Database
 
 log = logging.getLogger("matiere.jobs.storage")
@@ -31,6 +31,7 @@ log = logging.getLogger("matiere.jobs.storage")
 DAY_S = 86400.0
 MOST_FILM_BYTES = 50 * 10**9
 SLICE = 200  # rows or files of one transaction
+EVENT_SLICE = 5000
 COLLECT_EVERY_S = 600.0
 RECENT_S = 60.0  # a film of use a moment ago is never evicted
 HOLD_WAIT_S = 30.0
@@ -145,6 +146,8 @@ class Storage:
             while self._db.write(garbage.remove_cells, name, old, SLICE):
                 gone = 1
             found.sweeps += gone
+        while self._db.write(events.prune, self.rules.events_kept, EVENT_SLICE):
+            pass
         for film in self._beyond_limit():
             if self._db.write(garbage.evict_films, [film.id]):
                 found.films += 1

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from typing import cast
 
 import anyio.to_thread
 from fastapi import FastAPI
@@ -16,8 +17,19 @@ from fastapi.responses import JSONResponse
 
 from matiere.jobs.engine import Engine
 from matiere.service import errors
+from matiere.service.broadcast import Broadcaster
 from matiere.service.deps import InFlight
-from matiere.service.routes import assets, checks, health, jobs, materials, nights, storage, sweeps
+from matiere.service.routes import (
+    assets,
+    checks,
+    events,
+    health,
+    jobs,
+    materials,
+    nights,
+    storage,
+    sweeps,
+)
 from matiere.service.security import LOOPBACK_NAMES, SecurityMiddleware
 from matiere.service.settings import Settings
 
@@ -52,6 +64,7 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     app.state.engine = engine
     app.state.settings = settings
     app.state.in_flight = InFlight()
+    app.state.broadcaster = Broadcaster(lambda: cast(Engine, app.state.engine))
     errors.install(app)
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app.add_middleware(
@@ -61,6 +74,6 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
         max_asset_bytes=settings.max_asset_bytes,
         body_timeout_s=settings.body_timeout_s,
     )
-    for routes in (jobs, sweeps, nights, assets, materials, checks, storage, health):
+    for routes in (events, jobs, sweeps, nights, assets, materials, checks, storage, health):
         app.include_router(routes.router)
     return app

@@ -22,7 +22,15 @@ from pydantic import (
     model_validator,
 )
 
-from matiere.jobs.job import DEFAULT_PRIORITY, MAX_PRIORITY, MIN_PRIORITY, Job, JobState, Sweep
+from matiere.jobs.job import (
+    DEFAULT_PRIORITY,
+    MAX_PRIORITY,
+    MIN_PRIORITY,
+    Event,
+    Job,
+    JobState,
+    Sweep,
+)
 
 Digest = Annotated[str, StringConstraints(pattern=r"^(sha256:)?[0-9a-f]{64}$")]
 MAX_NAME_PART = 255  # bytes; what file systems hold
@@ -327,7 +335,7 @@ class JobView(BaseModel):
     def of(cls, job: Job) -> JobView:
         """Show `job`."""
         self_link = f"/v1/jobs/{job.id}"
-        links = {"self": self_link}
+        links = {"self": self_link, "events": f"{self_link}/events"}
         for action in steps(job.state):
             links[action] = f"{self_link}:{action}"
         for kind in job.artifacts:
@@ -410,6 +418,7 @@ class SweepView(BaseModel):
         """Show `sweep`."""
         self_link = f"/v1/sweeps/{sweep.id}"
         links = {"self": self_link, "jobs": f"/v1/jobs?sweep={sweep.id}"}
+        links["events"] = f"{self_link}/events"
         states = (JobState(state) for state, n in sweep.counts.items() if n)
         for action in dict.fromkeys(step for state in states for step in steps(state)):
             links[action] = f"{self_link}:{action}"
@@ -441,6 +450,30 @@ class SweepPage(BaseModel):
 
     sweeps: list[SweepView]
     next_cursor: str | None
+
+
+class EventView(BaseModel):
+    """Something that happened to a job or a sweep."""
+
+    seq: int = Field(description="number: rises with every event, never used twice")
+    time: datetime
+    kind: str = Field(description="what happened: queued, running, progress, look, succeeded, ...")
+    job_id: str | None
+    sweep_id: str | None
+    data: dict[str, Any]
+
+    @classmethod
+    def of(cls, event: Event) -> EventView:
+        """Show `event`."""
+        return cls(**{**vars(event), "time": _time(event.time)})
+
+
+class EventPage(BaseModel):
+    """Events in order, for those who poll."""
+
+    events: list[EventView]
+    last: int = Field(description="pass it as `after` to read on")
+    reset: bool = Field(description="what was asked for is not kept any more: read the job again")
 
 
 class CheckSubmission(_WithAssets):

@@ -28,12 +28,14 @@ import uvicorn
 from fastapi import FastAPI
 
 from matiere.errors import MatiereError
+from matiere.service.broadcast import Broadcaster
 from matiere.service.lockfile import read_announcement
 from matiere.service.settings import Settings
 
 LOG_BYTES, LOG_FILES = 10 * 2**20, 5
 LISTEN_BACKLOG = 512
 KEEP_ALIVE_S = 30
+STALL_S = 60.0
 START_TIMEOUT_S = 20.0
 
 log = logging.getLogger("matiere.service")
@@ -72,6 +74,8 @@ def bind(host: str, port: int) -> socket.socket:
     # With the protocol named, asyncio turns off the delay of small packets (else 40 ms an answer).
     sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
     sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # a restart need not wait
+    # A client that does not read, or has gone without a word, is cut; connections inherit this.
+    sock.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, int(1000 * STALL_S))
     try:
         sock.bind((host, port))
     except OSError as error:
@@ -121,6 +125,7 @@ class BackgroundServer:
             ws="none",
         )
         self._server = _Quiet(config)
+        self._streams: Broadcaster = app.state.broadcaster
         self._sock = sock
         self._thread = threading.Thread(target=self._run, name="http", daemon=True)
         self._failure: BaseException | None = None
@@ -155,6 +160,7 @@ class BackgroundServer:
     def stop(self) -> None:
         """Answer the requests that have begun, then close."""
         self._server.should_exit = True
+        self._streams.end()
         self._thread.join(10)
         self._sock.close()
 

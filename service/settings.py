@@ -81,6 +81,9 @@ class Settings(BaseModel):
     gc_grace_hours: float = Field(
         24.0, ge=0, description="age from which a file that nobody names is removed, in hours"
     )
+    events_kept: int = Field(
+        500_000, ge=1000, description="events kept for clients that resume a stream of them"
+    )
     max_body_bytes: int = Field(
         8 * 2**20, ge=2**10, le=2**30, description="largest JSON body in bytes"
     )
@@ -104,7 +107,13 @@ class Settings(BaseModel):
         """Return how long things are kept."""
         from matiere.jobs.rules import Rules
 
-        return Rules(self.result_days, self.film_bytes, self.gc_grace_hours, self.min_free_bytes)
+        return Rules(
+            self.result_days,
+            self.film_bytes,
+            self.gc_grace_hours,
+            self.min_free_bytes,
+            self.events_kept,
+        )
 
     @field_validator("data")
     @classmethod

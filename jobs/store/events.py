@@ -34,6 +34,22 @@ def newest(c: Connection) -> int:
     return c.scalar(sa.select(sa.func.max(event.c.seq))) or 0
 
 
+def kept(c: Connection) -> tuple[int, int]:
+    """Return the numbers of the oldest and the newest event, 0 and 0 if there is none."""
+    oldest = c.scalar(sa.select(sa.func.min(event.c.seq))) or 0
+    return oldest, newest(c)
+
+
+def prune(c: Connection, keep: int, limit: int) -> int:
+    """Remove the oldest events beyond the newest `keep` numbers; return how many."""
+    last = newest(c) - keep
+    some = sa.select(event.c.seq).where(event.c.seq <= last).order_by(event.c.seq).limit(limit)
+    seqs = list(c.execute(some).scalars())
+    if not seqs:
+        return 0
+    return c.execute(sa.delete(event).where(event.c.seq <= seqs[-1])).rowcount
+
+
 def emit_all(
     c: Connection, kind: str, about: Sequence[tuple[str | None, str | None, JsonDict]]
 ) -> None:

@@ -6,7 +6,7 @@ import hashlib
 import json
 import threading
 import time
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -305,6 +305,22 @@ class FakeEngine(Engine):
     ) -> list[Event]:
         """Return none."""
         return []
+
+    def event_range(self) -> tuple[int, int]:
+        """Return nothing."""
+        return 0, 0
+
+    def snapshot(
+        self, *, job_id: str | None = None, sweep_id: str | None = None
+    ) -> tuple[int, Job | Sweep | dict[str, int]]:
+        """Return a job, a sweep or nothing."""
+        if job_id is not None:
+            return 0, self.get_job(job_id)
+        return 0, self.get_sweep(sweep_id) if sweep_id is not None else {}
+
+    def watch(self, callback: Callable[[], None]) -> Callable[[], None]:
+        """Never call."""
+        return lambda: None
 
     def missing_assets(self, digests: Iterable[str]) -> list[str]:
         """Return those not put."""
