@@ -290,6 +290,10 @@ class Engine(Controls, EngineNights, Feed):
         """Return a job. Raises `JobNotFound`."""
         return self._db.read(lambda c: views.get_job(c, job_id))
 
+    def job_scene(self, job_id: str) -> JsonDict | None:
+        """Return the scene that a job renders, without its stop rule; None where it is not kept."""
+        return self._db.read(lambda c: views.job_scene(c, job_id))
+
     def list_jobs(
         self,
         *,

@@ -19,6 +19,7 @@ from matiere.jobs.engine import Engine
 from matiere.service import errors
 from matiere.service.broadcast import Broadcaster
 from matiere.service.deps import InFlight
+from matiere.service.page.router import router as page
 from matiere.service.routes import (
     assets,
     checks,
@@ -76,4 +77,5 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     )
     for routes in (events, jobs, sweeps, nights, assets, materials, checks, storage, health):
         app.include_router(routes.router)
+    app.include_router(page)
     return app

@@ -359,7 +359,10 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
     for job_id, share in merged.shares.items():
         c.execute(sa.update(job).where(job.c.id == job_id).values(target_share=share))
     for waiting in waiting_jobs(c, merged.film_id) if merged.prefix else []:
-        facts = {k: merged.facts[k] for k in ("spp", "relmse", "lower", "upper")}
+        told = ("spp", "seconds", "relmse", "lower", "upper")
+        facts: JsonDict = {key: merged.facts[key] for key in told}
+        if waiting.id in merged.shares:
+            facts["target_share"] = merged.shares[waiting.id]
         emit(c, "look", waiting.id, waiting.sweep_id, **facts)
     if merged.ended:
         prefix = merged.prefix or _stored_prefix(c, merged.film_id)

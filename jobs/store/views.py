@@ -38,6 +38,7 @@ _FILM = [
 ]
 
 
+NO_SWEEP = "none"  # in place of a sweep's id: jobs that are no cells
 INNER = ("film", "signature")  # files of a job that nobody fetches one by one
 
 
@@ -52,11 +53,13 @@ def get_job(c: Connection, job_id: str) -> Job:
 def list_jobs(
     c: Connection, state: JobState | None, sweep_id: str | None, after: str | None, limit: int
 ) -> list[Job]:
-    """Return jobs newest first, or the cells of a sweep in order."""
+    """Return jobs newest first (with NO_SWEEP only single ones), or a sweep's cells in order."""
     rows = sa.select(job, *_FILM).join(film).limit(limit)
     if state is not None:
         rows = rows.where(job.c.state == state.value)
-    if sweep_id is None:
+    if sweep_id == NO_SWEEP:
+        rows = rows.where(job.c.sweep_id.is_(None))
+    if sweep_id in (None, NO_SWEEP):
         rows = rows.order_by(job.c.id.desc())
         if after is not None:
             rows = rows.where(job.c.id < after)
@@ -106,6 +109,17 @@ def list_sweeps(c: Connection, after: str | None, limit: int) -> list[Sweep]:
     if after is not None:
         rows = rows.where(sweep.c.id < after)
     return _sweeps(c, c.execute(rows).all())
+
+
+def job_scene(c: Connection, job_id: str) -> JsonDict | None:
+    """Return the scene of a job with its stop rule's film and output; None for a cell by plan."""
+    asked = sa.select(job.c.output, film.c.scene).join(film, film.c.id == job.c.film_id)
+    row = c.execute(asked.where(job.c.id == job_id)).first()
+    if row is None or not row.scene:
+        return None
+    scene: JsonDict = json.loads(row.scene)
+    output = json.loads(row.output)
+    return scene | ({"output": output} if output else {})
 
 
 def counts(c: Connection) -> dict[str, int]:

@@ -59,7 +59,9 @@ def submit_job(
 def list_jobs(
     engine: EngineDep,
     state: JobState | None = None,
-    sweep: Annotated[str | None, Query(description="only the cells of this sweep")] = None,
+    sweep: Annotated[
+        str | None, Query(description="only the cells of this sweep; none: only single jobs")
+    ] = None,
     cursor: Annotated[str | None, Query(max_length=500)] = None,
     limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = PAGE,
 ) -> JobPage:

@@ -1,0 +1,75 @@
+"""The page without a browser: every view answers, with nothing inline, and reads without script."""
+
+from __future__ import annotations
+
+import re
+
+import httpx
+import pytest
+from page_support import Site
+
+VIEWS = ["/", "/?state=succeeded", "/jobs/{job}", "/jobs/{job}/live", "/submit",
+         "/submit?job={job}", "/submit?example=cornell", "/workers", "/workers/live"]  # fmt: skip
+
+
+def get(site: Site, address: str, status: int = 200) -> httpx.Response:
+    named = address.format(job=site.job, sweep=site.sweep, later=site.later)
+    answer = httpx.get(site.url + named, follow_redirects=True, timeout=30)
+    assert answer.status_code == status, answer.text
+    return answer
+
+
+@pytest.mark.parametrize("address", VIEWS)
+def test_nothing_of_a_view_is_inline(site: Site, address: str) -> None:
+    answer = get(site, address)
+    policy = answer.headers["content-security-policy"]
+    assert "unsafe" not in policy and "default-src 'none'" in policy
+    text = answer.text
+    assert not re.search(r"<style|\sstyle=|\son[a-z]+=|javascript:|data:", text)
+    for tag in re.findall(r"<script[^>]*>", text):
+        assert "src=" in tag or 'type="application/json"' in tag, tag
+    assert not re.findall(r'(?:src|href)="(?:https?:)?//', text)
+
+
+@pytest.mark.parametrize("address", VIEWS)
+def test_what_a_view_names_is_there(site: Site, address: str) -> None:
+    found = set(re.findall(r'(?:src|href)="(/[^"#]*)"', get(site, address).text))
+    for name in found - {"/sweeps", "/nights", "/materials"}:
+        get(site, name.replace("&amp;", "&"))
+
+
+def test_words_of_a_job_are_text_not_markup(site: Site) -> None:
+    assert "gold &lt;ball&gt;" in get(site, "/jobs/{job}").text
+    assert "<ball>" not in get(site, "/").text
+
+
+def test_a_job_tells_its_error_without_script(site: Site) -> None:
+    text = get(site, "/jobs/{job}").text
+    report = httpx.get(f"{site.url}/v1/jobs/{site.job}/report").json()
+    assert report["certificate"]["statement"] in text.replace("&#39;", "'")
+    assert '<svg class="plot"' in text and "render time / s" in text
+    for name in report["kernel"]["left_out"]:
+        assert name.replace("_", " ") in text
+
+
+def test_the_list_leaves_out_cells_of_sweeps(site: Site) -> None:
+    text = get(site, "/").text
+    cells = site.engine.list_jobs(sweep_id=site.sweep)
+    assert site.job in text and len(cells) == 6
+    assert not any(cell.id in text for cell in cells)
+    single = httpx.get(f"{site.url}/v1/jobs", params={"sweep": "none"}).json()["jobs"]
+    assert site.job in {job["id"] for job in single}
+    assert all(job["sweep_id"] is None for job in single)
+
+
+def test_what_is_missing_is_told_in_html(site: Site) -> None:
+    answer = get(site, "/jobs/no-such-job", status=404)
+    assert answer.headers["content-type"].startswith("text/html")
+    assert "no-such-job" in answer.text and "List the jobs" in answer.text
+    get(site, "/static/x/../site.py", status=404)
+    get(site, "/static/x/%2e%2e/site.py", status=404)
+
+
+def test_style_and_script_are_kept_by_browsers(site: Site) -> None:
+    (address,) = set(re.findall(r'href="(/static/[^"]*style.css)"', get(site, "/").text))
+    assert "immutable" in get(site, address).headers["cache-control"]
