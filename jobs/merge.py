@@ -33,8 +33,8 @@ class ChunkSource:
         """Tell whether a chunk is available."""
         return index in self._file_of
 
-    def take(self, index: int) -> tuple[memoryview, float]:
-        """Return bytes and seconds of a chunk. Raises DamagedFile."""
+    def fold_into(self, fold: Any, index: int) -> float:
+        """Add a chunk to `fold` and return its seconds. Raises DamagedFile."""
         digest = self._file_of.pop(index)
         if digest not in self._open:
             self._open[digest] = unpack(self._folder.read(digest))
@@ -43,11 +43,13 @@ class ChunkSource:
         self._left[digest] -= 1
         if self._left[digest] == 0:
             del self._open[digest]
-        return records[place], header["seconds"][place]
+        fold.add(records[place])
+        seconds: float = header["seconds"][place]
+        return seconds
 
 
 class MadeHere:
-    """Chunk records rendered when they are wanted, by the scene at hand."""
+    """Chunks rendered when they are wanted, by the scene at hand."""
 
     def __init__(self, scene: Any, flag: Any, slots: int, end: int) -> None:
         """Render chunks below `end`; `slots` as in the seconds of any chunk."""
@@ -58,15 +60,16 @@ class MadeHere:
         """Tell whether a chunk is to be had."""
         return index < self._end
 
-    def take(self, index: int) -> tuple[memoryview, float]:
-        """Return bytes and seconds of a chunk. Raises Cancelled."""
+    def fold_into(self, fold: Any, index: int) -> float:
+        """Add a chunk to `fold` and return its seconds. Raises Cancelled."""
         begin = time.monotonic()
-        data = self._scene.render_chunk(index, self._flag)
-        if data is None:
+        part = self._scene.render_part(index, self._flag)
+        if part is None:
             raise Cancelled("the render was cancelled")
         seconds = (time.monotonic() - begin) / self._slots
         self.seconds += seconds
-        return memoryview(data), seconds
+        fold.add_part(part)
+        return seconds
 
 
 Source = ChunkSource | MadeHere
@@ -131,9 +134,7 @@ class Prefix:
         if not wanted or not all(index in source for index in wanted):
             return False
         for index in wanted:
-            data, seconds = source.take(index)
-            self.fold.add(data)
-            self.seconds += seconds
+            self.seconds += source.fold_into(self.fold, index)
         self.chunks = wanted.stop
         if self.course.waits(self.chunks):
             self.decided()

@@ -152,10 +152,14 @@ class OpenScene:
 
     def render_chunk(self, index: int, flag: _core.CancelToken) -> bytes | None:
         """Render one chunk on this thread; None if cancelled. The GIL is released."""
+        part = self.render_part(index, flag)
+        return None if part is None else part.to_bytes()
+
+    def render_part(self, index: int, flag: _core.CancelToken) -> _core.ChunkFilm | None:
+        """Return the sums of a chunk themselves, for a `Fold` of this process."""
         from matiere import _core
 
-        part = _core.render_chunk(self._built, self._settings, self._plan, index, flag)
-        return None if part is None else part.to_bytes()
+        return _core.render_chunk(self._built, self._settings, self._plan, index, flag)
 
 
 def open_scene(
@@ -196,6 +200,10 @@ class Fold:
     def add(self, data: memoryview) -> None:
         """Fold in the next chunk of a tile. Raises FilmError for any other."""
         chunks.add(self._film, bytes(data))
+
+    def add_part(self, part: _core.ChunkFilm) -> None:
+        """Fold in the sums of the next chunk of a tile, made in this process."""
+        self._film.add(part)
 
     def look(self, spp: int, seconds: float) -> JsonDict:
         """Estimate the error: one row of the log."""

@@ -65,7 +65,7 @@ def sweep(engine: Engine, scene: dict[str, Any], cells: int, first: float) -> tu
     begin = time.monotonic()
     made = engine.submit_sweep(scene, [axis])
     while not made.done:
-        time.sleep(0.01)
+        time.sleep(0.05)
         made = engine.get_sweep(made.id)
     ended = time.monotonic() - begin
     engine.wait_sweep(made.id)

@@ -148,6 +148,8 @@ class FakeScene:
         sums = rng.random(shape) * (c["s1"] - c["s0"]) / self.plan.replicates
         return index.to_bytes(4, "little") + sums.tobytes()
 
+    render_part = render_chunk
+
 
 def misdeed(scene: JsonDict, index: int) -> None:
     """Do what the scene asks for at a chunk: raise, crash, or hang; once or always."""
@@ -220,6 +222,9 @@ class FakeFold:
         part = np.frombuffer(data[4:]).reshape(self.sums[:, rows, columns].shape)
         self.sums[:, rows, columns] += part
         self.counts[rows, columns] += c["s1"] - c["s0"]
+
+    def add_part(self, part: bytes) -> None:
+        self.add(memoryview(part))
 
     def look(self, spp: int, seconds: float) -> JsonDict:
         return {"spp": spp, "seconds": seconds, "relmse": 1 / spp, "lower": 0.9 / spp,
