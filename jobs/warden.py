@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from matiere.jobs.scheduler import Scheduler
 
 TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
-READING_KILL_S = 0.05  # the same while it reads files
+READING_KILL_S = 0.02  # the same while it reads files
 LOOK_S = 0.5  # between two looks at the deadlines
 CHILDREN_SHARE = 0.75  # of the memory, for all children together
 MIB = 2**20
