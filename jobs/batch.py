@@ -44,7 +44,7 @@ class BatchRenderer:
         def one(film: JsonDict) -> Made | None:
             begun(film["id"])
             try:
-                return self._film(film, folder, flag)
+                return self._film(film, folder, flag, request.get("slots", self._slots))
             except Cancelled:
                 return None
             except Exception as error:
@@ -66,12 +66,12 @@ class BatchRenderer:
         answer["failed"] = [facts for facts, _, _ in good if "error" in facts]
         return answer
 
-    def _film(self, film: JsonDict, folder: Artifacts, flag: Any) -> Made:
+    def _film(self, film: JsonDict, folder: Artifacts, flag: Any, slots: int) -> Made:
         prefix = Prefix(self._work, film, folder)
         wanted = max(job["spp_cap"] for job in film["jobs"])
         begin = prefix.chunks
         opened = self._open(film, flag)
-        source = MadeHere(opened, flag, self._slots, prefix.plan.chunk_count(wanted))
+        source = MadeHere(opened, flag, slots, prefix.plan.chunk_count(wanted))
         ended = settle(self._work, prefix, source, film["jobs"], {})
         facts = {"id": film["id"], "ended": ended, "chunks": prefix.chunks, **prefix.facts()}
         facts |= {"rendered_s": source.seconds, "rendered_chunks": prefix.chunks - begin}

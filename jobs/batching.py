@@ -16,13 +16,14 @@ from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.children import LEASE_S, Child
 from matiere.jobs.errors import JobsError
 from matiere.jobs.job import JobError, JsonDict
+from matiere.jobs.slots import Held
 from matiere.jobs.store import batches, cells
 from matiere.jobs.store.batches import BatchReport, SmallFilm
 from matiere.jobs.store.cells import Expansion
 from matiere.jobs.store.files import Blob, FileGone
 
 if TYPE_CHECKING:
-    from matiere.jobs.scheduler import Held, Scheduler
+    from matiere.jobs.scheduler import Scheduler
 
 log = logging.getLogger("matiere.jobs.batching")
 
@@ -109,8 +110,6 @@ class Batching:
     # -- handing out ------------------------------------------------------------------------------
     def expand(self, child: Child, sweep: Expansion, now: float) -> Held:
         """Ask a child for the next slice of a sweep."""
-        from matiere.jobs.scheduler import Held
-
         ahead = self._ahead[sweep.sweep_id]
         part = Slice(sweep.sweep_id, ahead.cursor, min(ahead.cursor + SLICE, sweep.cells))
         ahead.cursor = part.end
@@ -122,8 +121,6 @@ class Batching:
 
     def claim(self, child: Child, now: float) -> Held | None:
         """Give a child the most urgent films that share their geometry; None if none is left."""
-        from matiere.jobs.scheduler import Held
-
         wanted = self._take(child)
         if not wanted:
             return None
@@ -152,7 +149,7 @@ class Batching:
         same = next((f for f in urgent if f.geometry_key == child.geometry), first)
         rate = self._rates.get(same.geometry_key)
         aim = FIRST_SAMPLES if rate is None else rate * CLAIM_S
-        share = -(-len(urgent) // (2 * len(self._scheduler.slots)))  # the tail is shared out
+        share = -(-len(urgent) // (2 * self._scheduler.hands))  # the tail is shared out
         most = MOST_FILMS if self._full or self._sweeps else min(MOST_FILMS, max(share, 1))
         taken: list[SmallFilm] = []
         room = MOST_BYTES

@@ -13,6 +13,7 @@ import sys
 import threading
 import time
 from collections import OrderedDict
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,6 +28,9 @@ LEASE_S = 30.0  # without an answer for so long a child is killed and its work g
 START_S = 120.0  # the same for a child that has yet to say hello
 REAP_S = 10.0  # a killed child that the kernel does not give back is then given up
 BUSY_SHARE = 0.1  # of the lease on a processor: a silent child hangs by its own fault
+TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that it does not answer
+READING_KILL_S = 0.02  # the same while it reads files
+DISOBEYED = ("lost", "killed by the service because it did not stop when it was told to cancel")
 LOG_BYTES = 4 * 2**20
 LOG_TAIL_BYTES = 4096
 
@@ -43,6 +47,7 @@ class ChildOptions:
     threads: int
     slots: int
     memory_bytes: int = 0  # RLIMIT_DATA; 0: none
+    scratch: Path | None = None  # its TMPDIR; none: in the data directory
 
 
 @dataclass(frozen=True)
@@ -56,9 +61,13 @@ class Message:
 class Child:
     """One running child. Its reports and its exit arrive in the inbox given to `start`."""
 
+    remote = False  # it renders nothing itself: what works for it is limited elsewhere
+    nodes: Sequence[JsonDict] = ()  # where that is
+
     def __init__(self, options: ChildOptions, inbox: queue.SimpleQueue[Any]) -> None:
         """Start the process; call from a thread that lives as long as the child should."""
         self.options = options
+        self.capacity = 1  # claims that it works on at once
         self.name = options.name
         self.inflight: OrderedDict[int, Any] = OrderedDict()  # token -> claim, in order of work
         self.seen: OrderedDict[str, None] = OrderedDict()  # film keys it has worked on, newest last
@@ -84,6 +93,16 @@ class Child:
         return self._process.pid
 
     # -- talking ------------------------------------------------------------------------------
+    def greet(self, body: JsonDict) -> list[JsonDict]:
+        """Take its hello; return what is to become known as events: `{"kind": ..., ...}`."""
+        self.ready = True
+        return []
+
+    @property
+    def trouble(self) -> str:
+        """Why it cannot work though it answers; "" if it can."""
+        return ""
+
     def send(self, op: str, **fields: Any) -> None:
         """Queue a request; never blocks, whatever the child does."""
         self._outbox.put(json.dumps({"op": op, **fields}, allow_nan=False).encode() + b"\n")
@@ -99,6 +118,23 @@ class Child:
             self._pinged = now
             self.send("ping", n=0)
         self._trim_log()
+
+    def press(self, now: float) -> bool:
+        """Kill it if it does not obey a cancel; tell whether one is still to be obeyed.
+
+        C++ stops within milliseconds, while it builds too. Nothing stops the reading of files.
+        """
+        asked = [held for held in self.inflight.values() if held.cancelled is not None]
+        if not asked:
+            return False
+        waited = now - min(held.cancelled for held in asked)
+        first = next(iter(self.inflight.values()))
+        reading = first.cancelled is not None and first.phase == "reading"
+        if waited > KILL_AFTER_S or (reading and now - first.cancelled > READING_KILL_S):
+            self.kill(cause=DISOBEYED)
+        elif waited > TERM_AFTER_S and not self.killed:
+            self.kill(signal.SIGTERM, cause=DISOBEYED)
+        return True
 
     def escaped(self, now: float) -> bool:
         """Tell whether the child was killed long ago and the kernel has not given it back."""
@@ -146,17 +182,22 @@ class Child:
             return ""
 
     # -- inside -------------------------------------------------------------------------------
+    def _command(self) -> list[str]:
+        """Return the program and its options but for the pipes."""
+        o = self.options
+        command = [sys.executable, "-m", "matiere.jobs.child", "--artifacts", str(o.artifacts)]
+        command += ["--data", str(o.data), "--work", o.work, "--threads", str(o.threads)]
+        command += ["--slots", str(o.slots), "--memory", str(o.memory_bytes)]
+        return command
+
     def _spawn(self) -> None:
         o = self.options
         control_read, control_write = os.pipe2(os.O_CLOEXEC)
         report_read, report_write = os.pipe2(os.O_CLOEXEC)
-        command = [sys.executable, "-m", "matiere.jobs.child"]
+        command = [*self._command(), "--parent", str(os.getpid())]
         command += ["--control", str(control_read), "--report", str(report_write)]
-        command += ["--artifacts", str(o.artifacts), "--data", str(o.data), "--work", o.work]
-        command += ["--threads", str(o.threads), "--slots", str(o.slots)]
-        command += ["--parent", str(os.getpid()), "--memory", str(o.memory_bytes)]
         single = dict.fromkeys(("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS"), "1")
-        temporary = o.data / "artifacts" / "tmp"  # emptied at every start of the service
+        temporary = o.scratch or o.data / "artifacts" / "tmp"  # emptied when the service starts
         with contextlib.suppress(OSError):
             temporary.mkdir(mode=0o700, parents=True, exist_ok=True)
         environment = {**os.environ, **single, "PYTHONSAFEPATH": "1", "TMPDIR": str(temporary)}

@@ -35,6 +35,7 @@ from uuid6 import uuid7
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs import deadline as deadlines
 from matiere.jobs.artifacts import fsync_folder
+from matiere.jobs.cluster.member import cluster_of
 from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
 from matiere.jobs.engine_nights import EngineNights
@@ -61,7 +62,8 @@ from matiere.jobs.job import (
     Sweep,
 )
 from matiere.jobs.rules import Rules
-from matiere.jobs.scheduler import Options, Scheduler
+from matiere.jobs.scheduler import Scheduler
+from matiere.jobs.slots import Options
 from matiere.jobs.storage import Janitor, Storage
 from matiere.jobs.store import batches, cells, files, films, jobs, views
 from matiere.jobs.store.database import Database
@@ -91,6 +93,8 @@ def open_engine(
     max_film_bytes: int | None = None,
     child_memory_bytes: int | None = None,
     claim_limit_s: float = 3600.0,
+    executor: str = "local",
+    ray_address: str | None = None,
     work: str = DEFAULT_WORK,
 ) -> Engine:
     """Lock `data_dir`, migrate its store, resume its films, start the children.
@@ -103,9 +107,12 @@ def open_engine(
     films above `max_film_bytes` (an eighth of the memory) are refused. A child that uses more than
     `child_memory_bytes`, or works on one claim for more than `claim_limit_s`, is killed, which
     counts as a failed attempt (`memory_limit`, `time_limit`); by default only all children
-    together have a limit, three quarters of the memory. `work` names the module
-    that renders; only tests give another.
+    together have a limit, three quarters of the memory. With `executor="ray"` claims are rendered
+    by the Ray cluster at `ray_address` (none: the one this machine is part of), at most `children`
+    at once if that is given. `work` names the module that renders; only tests give another.
     """
+    limits = (child_memory_bytes or 0, claim_limit_s)
+    cluster = cluster_of(executor, ray_address, children, *limits)
     threads = max(1, threads_per_child)
     count = children or max(1, len(os.sched_getaffinity(0)) // threads)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -116,8 +123,7 @@ def open_engine(
         data.close()
         raise
     rules = replace(rules or Rules(), min_free_bytes=min_free_bytes)
-    limits = (child_memory_bytes or 0, claim_limit_s)
-    options = Options(count, threads, work, min_free_bytes, rules, *limits)
+    options = Options(count, threads, work, min_free_bytes, rules, *limits, cluster)
     engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
     if url is not None:
         engine.announce(url)
@@ -235,6 +241,8 @@ class Engine(Controls, EngineNights, Feed):
             "logs": str(self._data.logs),
             "children": children,
             "threads_per_child": self.threads_per_child,
+            "executor": "ray" if self._scheduler.options.cluster else "local",
+            "nodes": [node for s in self._scheduler.slots if s.child for node in s.child.nodes],
             "jobs": self._db.read(views.counts),
             "disk_free_bytes": usage.free,
             "disk_low": health.disk_low,
@@ -513,7 +521,7 @@ class Engine(Controls, EngineNights, Feed):
         slots = (*self._scheduler.slots, self._scheduler.utility.slot)
         if not self._scheduler.term.running:
             slots = slots[-1:]  # render children start with the lease
-        ready = sum(1 for slot in slots if slot.child is not None and slot.child.ready)
+        ready = sum(1 for s in slots if s.child and s.child.ready and not s.child.trouble)
         detail = f"{ready} of {len(slots)} child processes answer"
         if ready < len(slots) and self._scheduler.health.stuck:
             detail += f"; {self._scheduler.health.stuck}"

@@ -53,7 +53,8 @@ class Renderer:
         done = [result for result in results if result is not None]
         if len(done) < len(results):
             return None
-        seconds = [thread_s / self._slots for _, thread_s in done]
+        slots = request.get("slots", self._slots)
+        seconds = [thread_s / slots for _, thread_s in done]
         header = {"film": request["film_key"], "chunks": request["chunks"], "seconds": seconds}
         digest, size = folder.write(pack(header, [data for data, _ in done]))
         now = time.monotonic()

@@ -12,28 +12,28 @@ import queue
 import shutil
 import threading
 import time
-from collections import Counter
 from collections.abc import Callable
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 from typing import Any
 
 from matiere.jobs.artifacts import Artifacts
 from matiere.jobs.batching import Batching
 from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message
+from matiere.jobs.cluster.member import Driver
 from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import DiskFull, StoreError
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import JobError, JsonDict
 from matiere.jobs.questions import Questions
-from matiere.jobs.rules import Rules
+from matiere.jobs.slots import Health, Held, Options, Slot
 from matiere.jobs.storage import Storage
-from matiere.jobs.store import files, films, jobs
+from matiere.jobs.store import events, files, films, jobs
 from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
 from matiere.jobs.term import Term
 from matiere.jobs.utility_queue import Question, UtilityQueue
-from matiere.jobs.warden import Warden, press_cancels
+from matiere.jobs.warden import Warden
 
 log = logging.getLogger("matiere.jobs.scheduler")
 
@@ -43,61 +43,11 @@ LEAST_CLAIM_S = 0.1  # the tail of a film is shared out, but not in smaller piec
 FIRST_CLAIM_SAMPLES = 60_000.0  # before anything was measured
 PIPELINE = 2  # claims a child may hold: one at work, one waiting
 MOST_CHUNKS = 4096  # of one claim
+MOST_WINDOW = 64  # renderers for which four films each are looked at
 MAX_TRIES = 3
 MAX_LOSSES = 20
 PRESS_S = 0.01  # between looks at a child that was told to cancel
 RESTART_WAIT_S = (0.0, 0.0, 0.5, 1.0, 2.0, 5.0, 15.0)
-
-
-@dataclass
-class Held:
-    """A claim in a child's hands."""
-
-    token: int
-    film_id: int
-    chunks: list[int]
-    samples: int
-    sent: float
-    cancelled: float | None = None
-    phase: str = "given"  # then "reading" its files, then "working": building, rendering
-    kind: str = "chunks"  # of one film; or of `Batching`: "batch", "expand"
-    detail: Any = None  # of `Batching`
-    begun: int | None = None  # the film of a batch that the child is at
-
-
-@dataclass(frozen=True)
-class Options:
-    """How the engine runs its children."""
-
-    children: int
-    threads: int
-    work: str
-    min_free_bytes: int
-    rules: Rules = field(default_factory=Rules)
-    child_memory_bytes: int = 0  # of one child; 0: only all together have a limit
-    claim_limit_s: float = 3600.0  # a child that works on one claim for longer is killed
-
-
-@dataclass
-class Slot:
-    """The place of one render child, refilled when the child dies."""
-
-    name: str
-    child: Child | None = None
-    failures: int = 0  # deaths since its last good report
-    not_before: float = 0.0
-
-
-@dataclass
-class Health:
-    """What readiness reports, replaced as a whole for other threads to read."""
-
-    disk_full_until: float = 0.0
-    disk_low: bool = False
-    draining: bool = False
-    stuck: str = ""  # a child that does not start
-    fault: str = ""  # the last round of the scheduler failed
-    counters: Counter[str] = field(default_factory=Counter)
 
 
 class Scheduler(Questions, threading.Thread):
@@ -116,6 +66,8 @@ class Scheduler(Questions, threading.Thread):
         self.on_low_disk: Callable[[], None] | None = None
         self.films: dict[int, FilmWork] = {}
         self.slots = [Slot(f"child-{i + 1}") for i in range(options.children)]
+        if options.cluster is not None:
+            self.slots = [Slot("ray")]
         self.utility = UtilityQueue(self, Slot("utility"))
         self._warden = Warden(self)
         self.batching = Batching(self)
@@ -209,8 +161,10 @@ class Scheduler(Questions, threading.Thread):
 
     def _take(self, message: Message) -> None:
         child, body = message.child, message.body
-        if body["op"] == "hello":
-            child.ready, self.health.stuck = True, ""
+        if body["op"] in ("hello", "nodes"):
+            if news := child.greet(body):
+                self.db.write(events.emit_news, news)
+            self.health.stuck = child.trouble
         elif child is self.utility.slot.child:
             self.utility.handle(body)
         elif body["op"] == "exit":
@@ -224,7 +178,8 @@ class Scheduler(Questions, threading.Thread):
         elif body["op"] == "begun":
             held.begun, held.phase = body["film"], "working"
         else:
-            handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled}
+            handler = {"done": self._done, "failed": self._failed, "cancelled": self._cancelled,
+                       "returned": self._returned}  # fmt: skip
             handler[body["op"]](child, held, body)
             child.inflight.pop(held.token, None)
 
@@ -301,6 +256,22 @@ class Scheduler(Questions, threading.Thread):
             return
         self._give_back(held, Loss(held.token, held.film_id, "cancelled"))
 
+    def _returned(self, child: Child, held: Held, body: JsonDict) -> None:
+        held.begun = body["begun"]
+        error = JobError(body["error"], body["message"], "", body["log_tail"])
+        self._unfinished(held, body["state"], error)
+
+    def _unfinished(self, held: Held, state: str, error: JobError) -> None:
+        """Take back a claim that was not rendered; "lost" and "failed" count against its film."""
+        counts = state in ("lost", "failed")
+        if held.kind != "chunks":
+            self.batching.lost(held, state, error if counts else None)
+            return
+        kept = (error.code, error.message, error.log_tail)
+        self._give_back(held, Loss(held.token, held.film_id, state, *kept))
+        if counts:
+            self._fail_if_hopeless(held, error)
+
     def _give_back(self, held: Held, loss: Loss) -> None:
         self.db.write(lambda c: films.give_back(c, loss))
         if (film := self.films.get(held.film_id)) is not None:
@@ -333,6 +304,11 @@ class Scheduler(Questions, threading.Thread):
 
     # -- children -------------------------------------------------------------------------------
     @property
+    def hands(self) -> int:
+        """Claims that are rendered at once, at least 1."""
+        return max(1, sum(slot.child.capacity for slot in self.slots if slot.child))
+
+    @property
     def folder(self) -> Artifacts:
         """Where artifacts lie."""
         return self.data.artifacts
@@ -349,7 +325,10 @@ class Scheduler(Questions, threading.Thread):
             self.options.children * self.options.threads,
             self._warden.data_limit,
         )
-        slot.child = Child(options, self.inbox)
+        if slot is self.utility.slot or self.options.cluster is None:
+            slot.child = Child(options, self.inbox)
+        else:
+            slot.child = Driver(options, self.options.cluster, self.inbox)
         self.health.counters["children_started"] += 1
 
     def _keep_children(self, now: float, leads: bool) -> None:
@@ -361,7 +340,7 @@ class Scheduler(Questions, threading.Thread):
                 self.start_child(slot, self.options.threads)
             elif slot.child is not None:
                 slot.child.tick(now)
-                self._pressing |= press_cancels(slot.child, now)
+                self._pressing |= slot.child.press(now)
 
     def give_up(self, slot: Slot) -> None:
         """Go on without a killed child that the kernel keeps: its token fences what it reports."""
@@ -378,9 +357,10 @@ class Scheduler(Questions, threading.Thread):
 
         One that worked and was killed from outside has not failed: the next begins at once.
         """
-        slot.failures += not (kind == "lost" and slot.child is not None and slot.child.ready)
-        if slot.child is not None:
-            slot.child.alive = False
+        child = slot.child
+        slot.failures += not (kind == "lost" and child and child.ready and not child.remote)
+        if child is not None:
+            child.alive = False
         wait = RESTART_WAIT_S[min(slot.failures, len(RESTART_WAIT_S) - 1)]
         slot.child, slot.not_before = None, time.monotonic() + wait
 
@@ -390,15 +370,9 @@ class Scheduler(Questions, threading.Thread):
         log.warning("%s (pid %d) %s", child.name, child.pid, words)
         self.health.counters["children_lost"] += 1
         for place, held in enumerate(list(child.inflight.values())):
-            guilty = place == 0 and held.cancelled is None  # the others had not begun
-            state = ("lost" if kind == "lost" else "failed") if guilty else "void"
-            if held.kind != "chunks":
-                error = JobError(kind, words, "", tail)
-                self.batching.lost(held, state, error if guilty else None)
-                continue
-            self._give_back(held, Loss(held.token, held.film_id, state, kind, words, tail))
-            if guilty:
-                self._fail_if_hopeless(held, JobError(kind, words, "", tail))
+            begun = place < child.capacity and held.cancelled is None
+            state = ("lost" if kind == "lost" else "failed") if begun else "void"
+            self._unfinished(held, state, JobError(kind, words, "", tail))
         child.inflight.clear()
         if not child.ready:
             self.health.stuck = f"{child.name} does not start ({words}); see {self.data.logs}"
@@ -459,7 +433,7 @@ class Scheduler(Questions, threading.Thread):
     # -- work -----------------------------------------------------------------------------------
     def _read_queue(self, now: float) -> None:
         """Fill the window with the most urgent films and learn who waits for them."""
-        wanted = self.db.read(lambda c: films.next_films(c, 2 + 4 * self.options.children))
+        wanted = self.db.read(lambda c: films.next_films(c, 2 + 4 * min(self.hands, MOST_WINDOW)))
         for film_id in wanted:
             if film_id not in self.films:
                 row = self.db.read(films.load_film, film_id)
@@ -508,12 +482,10 @@ class Scheduler(Questions, threading.Thread):
 
     def _hand_out(self, now: float) -> None:
         for depth in range(1, PIPELINE + 1):
-            for slot in self.slots:
-                child = slot.child
-                if child is None or not child.ready or len(child.inflight) >= depth:
-                    continue
-                if not self._hand_to(child, now):
-                    return
+            for child in [slot.child for slot in self.slots if slot.child and slot.child.ready]:
+                for _ in range(depth * child.capacity - len(child.inflight)):
+                    if not self._hand_to(child, now):
+                        return
 
     def _hand_to(self, child: Child, now: float) -> bool:
         """Give a child something to do; false if there is nothing."""
@@ -558,7 +530,7 @@ class Scheduler(Questions, threading.Thread):
         left = film.horizon() - film.prefix_chunks - len(film.done) - len(film.claimed)
         most = MOST_CHUNKS
         if sum(1 for f in self.films.values() if f.available()) <= 1:  # share the tail
-            share = -(-left // (2 * self.options.children))
+            share = -(-left // (2 * self.hands))
             worthwhile = int(LEAST_CLAIM_S * (rate or 0.0) / film.samples(film.prefix_chunks))
             most = max(self.options.threads, share, worthwhile)
         chunks = film.take(aim, min(most, MOST_CHUNKS))

@@ -24,7 +24,8 @@ from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Merged
 
 if TYPE_CHECKING:
-    from matiere.jobs.scheduler import Scheduler, Slot
+    from matiere.jobs.scheduler import Scheduler
+    from matiere.jobs.slots import Slot
 
 log = logging.getLogger("matiere.jobs.utility")
 

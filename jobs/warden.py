@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import signal
 import time
 from typing import TYPE_CHECKING
 
@@ -14,31 +13,9 @@ from matiere.jobs.store import control, films
 if TYPE_CHECKING:
     from matiere.jobs.scheduler import Scheduler
 
-TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that a child does not answer
-READING_KILL_S = 0.02  # the same while it reads files
 LOOK_S = 0.5  # between two looks at the deadlines
 CHILDREN_SHARE = 0.75  # of the memory, for all children together
 MIB = 2**20
-
-DISOBEYED = ("lost", "killed by the service because it did not stop when it was told to cancel")
-
-
-def press_cancels(child: Child, now: float) -> bool:
-    """Kill a child that does not obey a cancel; tell whether one is still to be obeyed.
-
-    C++ stops within milliseconds, while it builds too. Nothing stops the reading of files.
-    """
-    asked = [held for held in child.inflight.values() if held.cancelled is not None]
-    if not asked:
-        return False
-    waited = now - min(held.cancelled for held in asked)
-    first = next(iter(child.inflight.values()))
-    reading = first.cancelled is not None and first.phase == "reading"
-    if waited > KILL_AFTER_S or (reading and now - first.cancelled > READING_KILL_S):
-        child.kill(cause=DISOBEYED)
-    elif waited > TERM_AFTER_S and not child.killed:
-        child.kill(signal.SIGTERM, cause=DISOBEYED)
-    return True
 
 
 class Warden:
@@ -82,7 +59,7 @@ class Warden:
     def _limits(self, now: float) -> None:
         options = self._scheduler.options
         slots = (*self._scheduler.slots, self._scheduler.utility.slot)
-        alive = [s.child for s in slots if s.child is not None and not s.child.killed]
+        alive = [s.child for s in slots if s.child and not s.child.killed and not s.child.remote]
         sizes = {child: procfs.rss_bytes(child.pid) for child in alive}
         kills = procfs.oom_kills()
         for child, size in sizes.items():

@@ -240,6 +240,15 @@ def refuse_second(data: Path, busy: PortBusy, port: int) -> ServeError:
     return busy
 
 
+def _renderers(settings: Settings, children: int, threads: int) -> str:
+    """Say what renders, where, with how many threads."""
+    of = f"of {_count(threads, 'thread', 'threads')}"
+    if settings.executor == "ray":
+        address = settings.ray_address or "the Ray cluster of this machine"
+        return f"tasks {of} on the nodes of {address}, 1 utility process here"
+    return f"{_count(children, 'render process', 'render processes')} {of}, 1 utility process"
+
+
 def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -> None:
     """Serve until a signal comes; `announce` is given (name, value) lines once all runs.
 
@@ -266,6 +275,8 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 rules=settings.rules(),
                 child_memory_bytes=settings.child_memory_bytes,
                 claim_limit_s=settings.claim_limit_s,
+                executor=settings.executor,
+                ray_address=settings.ray_address,
             )
         )
         log_path = open_log(settings.data, settings.log_level)
@@ -277,11 +288,7 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 ("url", url),
                 ("data directory", str(settings.data)),
                 ("log", str(log_path)),
-                (
-                    "children",
-                    f"{_count(engine.children, 'render process', 'render processes')} of "
-                    f"{_count(engine.threads_per_child, 'thread', 'threads')}, 1 utility process",
-                ),
+                ("children", _renderers(settings, engine.children, engine.threads_per_child)),
             ]
         )
         name = wait_for_signal(server)

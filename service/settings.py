@@ -58,9 +58,20 @@ class Settings(BaseModel):
         (), description="more names a Host header may carry, besides the loopback names"
     )
     children: int | None = Field(
-        None, ge=1, le=1024, description="render processes; none: usable cores / threads_per_child"
+        None,
+        ge=1,
+        le=1024,
+        description="render processes; none: usable cores / threads_per_child, of this machine or"
+        " of every node",
     )
     threads_per_child: int = Field(1, ge=1, le=1024, description="render threads of each process")
+    executor: Literal["local", "ray"] = Field(
+        "local",
+        description="where is rendered: local (processes of this machine) or ray (a cluster)",
+    )
+    ray_address: str | None = Field(
+        None, description="address of the Ray cluster; none: the one this machine is part of"
+    )
     child_memory_bytes: int | None = Field(
         None,
         ge=64 * 2**20,

@@ -158,6 +158,8 @@ def own_service(settings: Settings) -> Iterator[Client]:
                 rules=settings.rules(),
                 child_memory_bytes=settings.child_memory_bytes,
                 claim_limit_s=settings.claim_limit_s,
+                executor=settings.executor,
+                ray_address=settings.ray_address,
             )
         )
         open_log(settings.data, settings.log_level)

@@ -29,6 +29,12 @@ def emit(
     )
 
 
+def emit_news(c: Connection, news: Sequence[JsonDict]) -> None:
+    """Append events that are of no job: `{"kind": ..., ...}`."""
+    for fields in news:
+        emit(c, **fields)
+
+
 def newest(c: Connection) -> int:
     """Return the number of the newest event, 0 if there is none."""
     return c.scalar(sa.select(sa.func.max(event.c.seq))) or 0

@@ -24,6 +24,12 @@ def serve(
     threads_per_child: Annotated[
         int | None, typer.Option(help="Render threads of each process (default: 1).")
     ] = None,
+    executor: Annotated[
+        str | None, typer.Option(help="local, or ray: render on a cluster (default: local).")
+    ] = None,
+    ray_address: Annotated[
+        str | None, typer.Option(help="Ray cluster (default: the one of this machine).")
+    ] = None,
     log_level: Annotated[
         str | None, typer.Option(help="debug, info, warning or error (default: info).")
     ] = None,
@@ -42,6 +48,8 @@ def serve(
         "port": port,
         "children": children,
         "threads_per_child": threads_per_child,
+        "executor": executor,
+        "ray_address": ray_address,
         "log_level": log_level,
     }
     resolved = resolve(flags, config=config)

@@ -288,7 +288,7 @@ def _signature(fold: FakeFold, scene: JsonDict, spp: int) -> bytes:
 
 
 def engines() -> JsonDict:
-    return {"fake": {"matiere": "fake"}}
+    return {"fake": {"matiere": os.environ.get("FAKE_ENGINE", "fake")}}
 
 
 def make_picture(stored: memoryview, header: JsonDict, request: JsonDict) -> bytes:

@@ -33,7 +33,7 @@ ALLOWED_IMPORTS = {
     "alembic": ["jobs/store", "jobs/migrations/"],
     "pysqlite3": ["jobs/store"],
     "sqlite3": ["jobs/store"],
-    "ray": ["jobs/executors/ray.py"],
+    "ray": ["jobs/cluster/driver.py"],
 }
 LAZY_LIBRARIES = {"OpenImageIO", "PyOpenColorIO", "trimesh", "matplotlib", "scipy"}
 

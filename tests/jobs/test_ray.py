@@ -1,0 +1,53 @@
+"""Rendering on a Ray cluster of two nodes: the bits and the promises of one machine."""
+
+from __future__ import annotations
+
+import importlib.util
+from pathlib import Path
+from typing import Any
+
+import pytest
+from conftest_jobs import FAKE
+from ray_cluster import run_inside, why_not
+
+from matiere.jobs import open_engine
+from matiere.jobs.errors import JobsError
+
+SCRIPT = Path(__file__).with_name("ray_scenes.py")
+clusters = pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
+
+
+def nothing_is_left(facts: dict[str, Any]) -> None:
+    assert facts["ours"] == [], "a driver or a render child outlived its engine"
+    assert facts["left"] == [], "processes that Ray left behind"
+
+
+@clusters
+def test_killed_drivers_and_a_killed_node_change_no_bit_and_count_as_nobodys_fault() -> None:
+    facts = run_inside(SCRIPT, "kills")
+    assert facts["ports"] == [], "something listens beyond loopback"
+    assert (facts["state"], facts["spp"]) == ("succeeded", 24)
+    report = facts["report"]
+    assert report["sums"] == facts["expected"]
+    assert (report["min_count"], report["max_count"]) == (24, 24)
+    assert "lost lost" in facts["kills"]
+    assert not [kill for kill in facts["kills"] if kill.startswith("failed")], facts["kills"]
+    assert facts["at_kills"] == ["running"] * 4
+    assert facts["started"]["children_lost"] == 3
+    kind, words = facts["poison"]
+    assert kind == "signal" and "after 3 attempts" in words and "SIGSEGV (on node " in words
+    assert facts["cancel_s"] < 5.0
+    assert facts["children_kept"], "the cancel was obeyed: no render child had to be killed"
+    assert {kind for kind, _ in facts["events"]} == {"node_ready", "node_gone"}
+    nothing_is_left(facts)
+
+
+def test_without_ray_the_message_names_the_extra(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(importlib.util, "find_spec", lambda name: None)
+    with pytest.raises(JobsError, match=r"pip install 'matiere\[ray\]'"):
+        open_engine(tmp_path / "data", executor="ray", **FAKE)
+    with pytest.raises(JobsError, match="'local' or 'ray', not 'dask'"):
+        open_engine(tmp_path / "data", executor="dask", **FAKE)
+    assert not (tmp_path / "data").exists()
