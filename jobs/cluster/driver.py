@@ -272,6 +272,8 @@ class Driver:
                 self._reports.send("cancelled", token=token)
                 return
             state = "lost" if report["error"] == "lost" else "failed"
+            if error is not None and state == "lost":  # the node may be gone: Ray takes 15 s to say
+                flight.node.state, flight.node.since = "asked", -ASK_AGAIN_S
             message = f"{report['message']} ({where})"
             self._return(token, state, report["error"], message, report)
         elif report["op"] == "failed" and self._is_of_node(flight, report):

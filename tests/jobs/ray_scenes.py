@@ -81,7 +81,7 @@ def kill_in_the_middle(engine: Engine, cluster: Cluster, job_id: str) -> list[st
             ready(engine, 2)
             wait_until(lambda: claims(engine) >= 2 and len(pids(CHILD)) >= 2, 60)
             cluster.kill("raylet/raylet")
-            wait_until(lambda: len(engine.status()["nodes"]) == 1)
+            wait_until(lambda: len(engine.status()["nodes"]) == 1, 60)
         else:
             kill_driver(engine, cluster)
     return states
@@ -195,7 +195,13 @@ def main() -> None:
         "kills": kills, "refusals": refusals, "outage": outage, "real": real,
     }  # fmt: skip
     cluster = Cluster()
-    facts = scenes[sys.argv[1]](cluster)
+    try:
+        facts = scenes[sys.argv[1]](cluster)
+    except BaseException:
+        for log in (HERE / "data" / "logs").glob("ray.log"):
+            print(log.read_text()[-4000:], file=sys.stderr)
+        print(*ray_cluster.commands(), sep="\n", file=sys.stderr)
+        raise
     end = time.monotonic() + 15  # Ray has to see that its driver is gone
     while (ours := [x for _, x in ray_cluster.commands() if "matiere.jobs" in x]) and (
         time.monotonic() < end

@@ -22,6 +22,7 @@ def nothing_is_left(facts: dict[str, Any]) -> None:
     assert facts["left"] == [], "processes that Ray left behind"
 
 
+@pytest.mark.slow
 @clusters
 def test_killed_drivers_and_a_killed_node_change_no_bit_and_count_as_nobodys_fault() -> None:
     facts = run_inside(SCRIPT, "kills")

@@ -100,7 +100,8 @@ class Cluster:
     def start_head(self, cpus: int) -> None:
         """Start the head."""
         _ray("start", "--head", f"--port={PORT}", "--include-dashboard=false",
-             f"--temp-dir={self.folder / 'ray'}", f"--num-cpus={cpus}")  # fmt: skip
+             f"--temp-dir={self.folder / 'ray'}", f"--num-cpus={cpus}",
+             environment={"RAY_health_check_period_ms": "1000"})  # fmt: skip
 
     def start_node(
         self, cpus: int = 1, environment: dict[str, str] | None = None, before: str = ""
