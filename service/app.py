@@ -19,6 +19,7 @@ from matiere.jobs.engine import Engine
 from matiere.service import errors
 from matiere.service.broadcast import Broadcaster
 from matiere.service.deps import InFlight
+from matiere.service.openapi import Application
 from matiere.service.page.router import router as page
 from matiere.service.routes import (
     assets,
@@ -50,7 +51,7 @@ async def _lifespan(_app: FastAPI) -> AsyncIterator[None]:
 def create_app(engine: Engine, settings: Settings) -> FastAPI:
     """Return the ASGI application that serves `engine`."""
     problem = {"description": "Problem document", "content": {errors.MEDIA_TYPE: {}}}
-    app = FastAPI(
+    app = Application(
         title="matiere",
         version=API_VERSION,
         description=_DESCRIPTION,

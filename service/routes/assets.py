@@ -29,7 +29,13 @@ class _ClientLeft(Exception):
     """The client closed the connection before the body was complete."""
 
 
-@router.put("/{sha256}", status_code=201, response_model=AssetView, openapi_extra=_BODY)
+@router.put(
+    "/{sha256}",
+    status_code=201,
+    response_model=AssetView,
+    responses={200: {"model": AssetView, "description": "The server held it already"}},
+    openapi_extra=_BODY,
+)
 def put_asset(sha256: str, request: Request, response: Response, engine: EngineDep) -> AssetView:
     """Store the body if its SHA-256 is the one in the address; 201 when new, 200 when held."""
     if not _DIGEST.fullmatch(sha256):
