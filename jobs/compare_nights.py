@@ -23,7 +23,7 @@ from matiere.errors import MatiereError
 from matiere.jobs import night_statistics as statistics
 from matiere.jobs.artifacts import DamagedFile
 from matiere.jobs.drift import drift
-from matiere.jobs.job import JsonDict
+from matiere.jobs.job import RENDERED, JsonDict
 from matiere.jobs.night import Night
 from matiere.jobs.night_options import CHANGED, INCOMPLETE, NO_CHANGE, Options
 from matiere.jobs.night_statistics import CellTests, Figures
@@ -64,7 +64,7 @@ def compare_nights(a: Night, b: Night, options: Options | None = None) -> JsonDi
         _test(a, b, both[first : first + BLOCK], engines, (tested, unlike))
     new = [_name(row) for key, row in rows_b.items() if key not in rows_a]
     missing = [_name(row) for key, row in rows_a.items() if key not in rows_b]
-    failed = [_failure(row) for row in rows_b.values() if row["state"] != "succeeded"]
+    failed = [_failure(row) for row in rows_b.values() if row["state"] not in RENDERED]
     p = np.full((len(tested), max((len(t.p) for t in tested), default=1), 3), np.nan)
     for place, t in zip(p, tested, strict=True):
         place[: len(t.p)] = t.p  # small films have fewer tiles
@@ -107,7 +107,7 @@ def _test(
     """Test a block of cells; those that cannot be go to the second list, with the reason."""
     good, pairs = list[tuple[JsonDict, JsonDict]](), list[statistics.Pair]()
     for one, two in rows:
-        if two["state"] != "succeeded":
+        if two["state"] not in RENDERED:
             continue  # its failure says enough
         found = _signatures(a, b, one, two)
         if isinstance(found, str):
@@ -123,7 +123,7 @@ def _test(
 
 def _signatures(a: Night, b: Night, one: JsonDict, two: JsonDict) -> statistics.Pair | str:
     """Return both signatures of a cell, or why it cannot be compared."""
-    if one["state"] != "succeeded":
+    if one["state"] not in RENDERED:
         return f"it {one['state']} in the earlier night"
     try:
         before, after = a.signature(one), b.signature(two)
@@ -268,11 +268,11 @@ def _table(tested: Sequence[_Tested], p: Figures, detectable: Sequence[float | N
 # -- what else ----------------------------------------------------------------------------------
 def _about(night: Night) -> JsonDict:
     rows = night.rows()
-    spp = sorted({int(row["spp"]) for row in rows if row["state"] == "succeeded"})
+    spp = sorted({int(row["spp"]) for row in rows if row["state"] in RENDERED})
     return {
         "name": night.name, "sweep_id": night.head.get("sweep_id"), "cells": len(rows),
         "created": night.head.get("created"),
-        "succeeded": sum(row["state"] == "succeeded" for row in rows),
+        "succeeded": sum(row["state"] in RENDERED for row in rows),
         "spp": [spp[0], spp[-1]] if spp else None,
     }  # fmt: skip
 

@@ -29,7 +29,7 @@ class FilmWork:
     def __init__(self, row: FilmRow, work: Any, now: float) -> None:
         """Take over the stored state."""
         self.row = row
-        self.id, self.key = row.id, row.film_key
+        self.id, self.key, self.geometry_key = row.id, row.film_key, row.geometry_key
         self.adaptive = is_adaptive(row.scene)
         self.plan = work.plan(row.width, row.height, row.replicates, self.adaptive)
         self.course = (
@@ -47,7 +47,8 @@ class FilmWork:
         self.claimed: dict[int, int] = {}
         self.merging = False
         self.evaluated: set[str] = set()  # jobs the merger has seen at this prefix or later
-        self.late: set[str] = set()  # jobs whose deadline has passed: they end with the next round
+        self.late: dict[str, str] = {}  # why jobs are to end with the next round
+        self.ahead = 1.0  # times its samples it may go before the next look at its error
         self.seconds, self.pixel_samples = row.seconds, row.pixel_samples
         self.merged_at = now
         self.last_child = ""
@@ -94,7 +95,8 @@ class FilmWork:
         wanted = cap
         if stop.get("target_error"):
             look = following
-            while look < cap and not self._work.look_due(self.plan, stop, look):
+            least = self.ahead * self.prefix_spp
+            while look < cap and (look < least or not self._work.look_due(self.plan, stop, look)):
                 look = int(self.plan.round_up(look + 1))
             wanted = min(wanted, look)
         if stop.get("seconds"):
@@ -114,6 +116,17 @@ class FilmWork:
         """Tell whether at least one chunk can be handed out."""
         self._skip()
         return bool(self._returned) or self._cursor < self.horizon()
+
+    def next_range(self) -> tuple[int, bool]:
+        """Return the samples that the next range lacks, and whether some of it was given out."""
+        self._skip()
+        position = min([*self._returned[:1], self._cursor])
+        start = self.course.whole(position)
+        wanted = range(start, self.course.following(start))
+        if position not in wanted:  # not decided yet
+            return 0, True
+        lacking = sum(i not in self.done and i not in self.claimed for i in wanted)
+        return lacking * self.samples(position), lacking < len(wanted)
 
     def take(self, samples: float, most: int) -> list[int]:
         """Return the next chunks to render: about `samples` samples, at least one chunk."""
@@ -200,7 +213,7 @@ class FilmWork:
                     "stop": job.stop,
                     "spp_cap": job.spp_cap,
                     "fresh": job.id not in self.evaluated,
-                    "late": job.id in self.late,
+                    "late": self.late.get(job.id),
                 }
                 for job in self.jobs
             ],
@@ -213,7 +226,7 @@ class FilmWork:
         self.merging = False
         self.merged_at = time.monotonic()
         self.evaluated |= set(seen)
-        self.late -= set(seen)
+        self.late = {name: why for name, why in self.late.items() if name not in seen}
         if chunks == self.prefix_chunks or prefix is not None:
             self.course.tell(course)
         if prefix is None:

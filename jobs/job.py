@@ -15,12 +15,13 @@ MIN_PRIORITY, DEFAULT_PRIORITY, MAX_PRIORITY = 0, 50, 100
 
 
 class JobState(StrEnum):
-    """Where a job stands. `succeeded`, `failed`, `cancelled` and `expired` end it."""
+    """Where a job stands. `succeeded`, `unfinished`, `failed`, `cancelled` and `expired` end it."""
 
     QUEUED = "queued"
     RUNNING = "running"
     PAUSED = "paused"
     SUCCEEDED = "succeeded"
+    UNFINISHED = "unfinished"  # the budget of its sweep ended before its error target was met
     FAILED = "failed"
     CANCELLED = "cancelled"
     EXPIRED = "expired"
@@ -32,8 +33,17 @@ class JobState(StrEnum):
 
 
 FINAL_STATES = frozenset(
-    {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED}
+    {
+        JobState.SUCCEEDED,
+        JobState.UNFINISHED,
+        JobState.FAILED,
+        JobState.CANCELLED,
+        JobState.EXPIRED,
+    }
 )
+# Ended as was asked: with an image that has its error bar.
+RENDERED_STATES = (JobState.SUCCEEDED, JobState.UNFINISHED)
+RENDERED = tuple(state.value for state in RENDERED_STATES)
 
 TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
     # a cache hit needs no rendering: straight to succeeded
@@ -41,6 +51,7 @@ TRANSITIONS: Mapping[JobState, frozenset[JobState]] = {
     JobState.RUNNING: FINAL_STATES | {JobState.PAUSED},
     JobState.PAUSED: frozenset({JobState.QUEUED, JobState.CANCELLED, JobState.EXPIRED}),
     JobState.SUCCEEDED: frozenset(),
+    JobState.UNFINISHED: frozenset(),  # submit again with a larger budget
     JobState.FAILED: frozenset({JobState.QUEUED}),  # requeued, as all below
     JobState.CANCELLED: frozenset({JobState.QUEUED}),
     JobState.EXPIRED: frozenset({JobState.QUEUED}),
@@ -99,7 +110,7 @@ class Job:
     seconds: float  # render seconds of the film so far (children's wall time)
     relmse: float | None  # newest estimate; None while unknown
     relmse_interval: tuple[float, float] | None  # its 95 % interval
-    stop_reason: str | None  # "spp", "seconds", "target_error", once ended
+    stop_reason: str | None  # "spp", "seconds", "target_error", "budget", once ended
     error: JobError | None
     sweep_id: str | None
     cell: int | None  # index within the sweep
@@ -112,6 +123,17 @@ class Job:
     attempt: int = 1  # rises with every requeue
     history: tuple[JsonDict, ...] = ()  # how the attempts before this one ended
     pinned: bool = False  # kept whatever its age
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Render seconds that the cells of a sweep share, and the error that each is to reach."""
+
+    seconds: float
+    target_error: JsonDict
+    spent_s: float  # by all cells so far
+    needed_s: float | None  # by all that have not ended, as it looks now; None: not looked at yet
+    closed: bool  # no cell gets more
 
 
 @dataclass(frozen=True)
@@ -132,6 +154,7 @@ class Sweep:
     waiting_for: int = 0  # how many of them have not yet
     baseline: int | None = None  # cell that others are compared with
     pinned: bool = False  # kept whatever its age
+    budget: Budget | None = None  # of a sweep that shares its time out
 
     @property
     def done(self) -> bool:

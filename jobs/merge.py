@@ -220,8 +220,8 @@ def _ended(
         reason = work.stop_reason(prefix.plan, job["stop"], prefix.spp, prefix.seconds, newest)
         if reason is None and prefix.spp >= job["spp_cap"]:
             reason = "spp"
-        if reason is None and job.get("late"):
-            reason = "deadline"
+        if reason is None:
+            reason = job.get("late")
         if reason is not None:
             found.append({"job_id": job["id"], "reason": reason})
     return found

@@ -18,6 +18,7 @@ from typing import Any
 
 from matiere.jobs.artifacts import Artifacts
 from matiere.jobs.batching import Batching
+from matiere.jobs.budgets import Budgets
 from matiere.jobs.children import LEASE_S, Child, ChildOptions, Message
 from matiere.jobs.cluster.member import Driver
 from matiere.jobs.datadir import DataDir
@@ -70,11 +71,11 @@ class Scheduler(Questions, threading.Thread):
             self.slots = [Slot("ray")]
         self.utility = UtilityQueue(self, Slot("utility"))
         self._warden = Warden(self)
-        self.batching = Batching(self)
+        self.batching, self.budgets = Batching(self), Budgets(self)
         self._examining = threading.Lock()  # held while a material is checked
         self._comparing = threading.Lock()  # held while nights are compared
         self._unsaved: list[Message] = []  # reports that met a full disk
-        self._rates: dict[str, float] = {}  # geometry key -> samples per second of one child
+        self.rates: dict[str, float] = {}  # geometry key -> samples per second of one child
         self._stopping = False
         self._pressing = False  # a child was told to cancel and has not said that it did
         self._dirty = True  # the database changed: read queue and films again
@@ -127,7 +128,7 @@ class Scheduler(Questions, threading.Thread):
             self.utility.dispatch(now)
             return
         self._warden.look(now)
-        if self._dirty:
+        if self._dirty or self.budgets.due(now):
             self._dirty = False
             self._read_queue(now)
         if self._garbage and not self.disk_paused(now):
@@ -209,6 +210,7 @@ class Scheduler(Questions, threading.Thread):
         self._garbage |= not accepted
         film = self.films.get(held.film_id)
         self._slot_of(child).failures = 0
+        self._dirty |= self.budgets.concern(film)
         if film is None or not accepted:
             return
         self.health.counters["chunks_rendered"] += len(held.chunks)
@@ -219,8 +221,8 @@ class Scheduler(Questions, threading.Thread):
         film.seconds += body["seconds"]
         film.pixel_samples += held.samples
         rate = held.samples / max(body["render_s"], 1e-4)
-        known = self._rates.get(film.row.geometry_key, rate)
-        self._rates[film.row.geometry_key] = 0.5 * (rate + known)
+        known = self.rates.get(film.row.geometry_key, rate)
+        self.rates[film.row.geometry_key] = 0.5 * (rate + known)
 
     def _failed(self, child: Child, held: Held, body: JsonDict) -> None:
         kind, message = body["error"], body["message"]
@@ -433,8 +435,9 @@ class Scheduler(Questions, threading.Thread):
     # -- work -----------------------------------------------------------------------------------
     def _read_queue(self, now: float) -> None:
         """Fill the window with the most urgent films and learn who waits for them."""
-        wanted = self.db.read(lambda c: films.next_films(c, 2 + 4 * min(self.hands, MOST_WINDOW)))
-        for film_id in wanted:
+        most = 2 + 4 * min(self.hands, MOST_WINDOW)
+        wanted = self.db.read(lambda c: films.next_films(c, most))
+        for film_id in wanted + self.budgets.read_queue(now, most):
             if film_id not in self.films:
                 row = self.db.read(films.load_film, film_id)
                 self.films[film_id] = FilmWork(row, self.work, now)
@@ -512,20 +515,21 @@ class Scheduler(Questions, threading.Thread):
             for held in slot.child.inflight.values()
         }
 
-        def rank(film: FilmWork) -> tuple[int, int, str]:
+        def rank(film: FilmWork) -> tuple[int, int, int, str]:
             if film.id in elsewhere:
                 tier = 3
             elif film.key in child.seen:
                 tier = 0
             else:
                 tier = 1 if film.row.geometry_key == child.geometry else 2
-            return (-film.urgency, tier, film.jobs[0].id)
+            return (-film.urgency, self.budgets.turn(film), tier, film.jobs[0].id)
 
-        ready = [film for film in self.films.values() if film.jobs and film.available()]
+        ready = [f for f in self.films.values() if f.jobs and f.available()]
+        ready = [film for film in ready if self.budgets.admits(film)]
         return min(ready, key=rank, default=None)
 
     def _claim(self, child: Child, film: FilmWork, now: float) -> None:
-        rate = self._rates.get(film.row.geometry_key)
+        rate = self.rates.get(film.row.geometry_key)
         aim = FIRST_CLAIM_SAMPLES if rate is None else rate * self._claim_seconds(film)
         left = film.horizon() - film.prefix_chunks - len(film.done) - len(film.claimed)
         most = MOST_CHUNKS
@@ -562,6 +566,5 @@ class Scheduler(Questions, threading.Thread):
     def _claim_seconds(self, film: FilmWork) -> float:
         """Return the aimed length of a claim: shorter where a time limit is near."""
         limits = [float(job.stop["seconds"]) for job in film.jobs if job.stop.get("seconds")]
-        if not limits:
-            return CLAIM_S
-        return max(0.05, min(CLAIM_S, 0.1 * max(limits)))
+        longest = max(0.05, min(CLAIM_S, 0.1 * max(limits))) if limits else CLAIM_S
+        return self.budgets.claim_s(film, longest)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
+from matiere.jobs.job import RENDERED
+
 INTERVAL = "95 %"
 PAGE_CELLS = 400  # more are no longer seen at a glance
 MOST_COLUMNS = 25
@@ -42,7 +44,7 @@ def draw(cells: Sequence[Mapping[str, Any]], request: Mapping[str, Any]) -> byte
 
 def caption(cell: Mapping[str, Any]) -> str:
     """Return how a cell ended, in two lines."""
-    if cell["state"] != "succeeded":
+    if cell["state"] not in RENDERED or not cell["spp"]:
         return str(cell["state"])
     error = "relMSE unknown"
     if cell["relmse"] is not None:
@@ -50,7 +52,8 @@ def caption(cell: Mapping[str, Any]) -> str:
         if cell["interval"]:
             error += f" ({cell['interval'][0]:.2g} to {cell['interval'][1]:.2g})"
     seconds = cell["seconds"]
-    return f"{error}\n{cell['spp']} spp, {seconds:.{1 if seconds < 10 else 0}f} s"
+    mark = "unfinished: " if cell["state"] == "unfinished" else ""
+    return f"{mark}{error}\n{cell['spp']} spp, {seconds:.{1 if seconds < 10 else 0}f} s"
 
 
 def _heads(cells: int, request: Mapping[str, Any]) -> tuple[list[str], list[str]]:

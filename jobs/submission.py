@@ -17,7 +17,7 @@ from matiere.jobs.datadir import DataDir
 from matiere.jobs.job import MAX_PRIORITY, MIN_PRIORITY, JsonDict
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
-from matiere.jobs.sweep import guess_columns, parse_sweep
+from matiere.jobs.sweep import SweepPlan, guess_columns, parse_sweep
 
 STOP_KEYS = ("spp", "seconds", "target_error")
 MAX_FAULTS = 100
@@ -72,7 +72,7 @@ class Submitter:
         plan = parse_sweep(raw, base)
         files = self._files(request)
         about = {
-            "stop": dict(request.stop) if request.stop else None,
+            "stop": _stop_of(plan, request),
             "root": self._data.relative(files.root),
             "pins": dict(request.assets),
             "max_film_bytes": self._max_film_bytes,
@@ -96,6 +96,7 @@ class Submitter:
             request=about,
             after=request.after,
             baseline=plan.baseline,
+            budget=plan.budget,
         )
         return spec, rows
 
@@ -198,6 +199,16 @@ def _check_request(request: Request) -> None:
             faults.append(Fault(f"/stop/{key}", "unknown_key", why))
     if faults:
         raise SceneValidationError(faults)
+
+
+def _stop_of(plan: SweepPlan, request: Request) -> JsonDict | None:
+    """Return the stop rule of the cells; those that share a budget go on to its target."""
+    if plan.budget is None:
+        return dict(request.stop) if request.stop else None
+    if request.stop:
+        why = "a sweep has a budget or a stop rule, not both; its budget names the target_error"
+        raise SceneValidationError([Fault("/stop", "exclusive_keys", why)])
+    return {"target_error": plan.budget["target_error"]}
 
 
 def _some(cells: Sequence[int]) -> Sequence[int]:

@@ -15,7 +15,9 @@ from typing import Any
 
 from matiere.errors import Fault, SceneValidationError, pointer
 from matiere.jobs.axes import MAX_AXES, SOURCES, Axis, did_you_mean, named_sets, parse_axis
+from matiere.jobs.budget import STOP_KEYS, parse_budget
 from matiere.jobs.condition import Condition, ConditionError, parse_condition
+from matiere.jobs.job import JsonDict
 from matiere.jobs.pointers import last_part, lies_in, pointer_fault
 from matiere.jobs.sweep_plan import MODES, Cell, Override, Row, SweepPlan
 
@@ -26,7 +28,8 @@ MAX_CELLS = 100_000
 MAX_TRIED = 10  # times MAX_CELLS: what conditions may choose from
 MAX_CONDITIONS = 32
 MAX_OVERRIDES = 100
-PARTS = ("axes", "mode", "sobol", "list", "sets", "where", "overrides", "baseline")
+PARTS = ("axes", "mode", "sobol", "list", "sets", "where", "overrides", "baseline",
+         "budget")  # fmt: skip
 
 
 def parse_sweep(
@@ -102,6 +105,7 @@ class _Reader:
         )  # fmt: skip
         self._check_cells(plan)
         plan.baseline = self._baseline(plan)
+        plan.budget = self._budget(plan)
         self.check()
         return plan
 
@@ -330,6 +334,19 @@ class _Reader:
             why = f"{len(fitting)} cells have these values; name more axes, or the cell's number"
             self.fault("/baseline", "ambiguous", why)
         return None
+
+    def _budget(self, plan: SweepPlan) -> JsonDict | None:
+        if self.raw.get("budget") is None:
+            return None
+        budget, faults = parse_budget(self.raw["budget"])
+        self.faults += faults
+        own = [p for axis in plan.axes for p in axis.pointers]
+        own += [str(to) for override in plan.overrides for to in override.set]
+        for key in STOP_KEYS:
+            if any(lies_in(f"/render/{key}", p) for p in own):
+                why = f"the budget says when cells end; no axis or override may set /render/{key}"
+                self.fault("/budget", "exclusive_keys", why)
+        return budget
 
 
 def _whole(value: Any) -> bool:

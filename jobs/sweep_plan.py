@@ -81,6 +81,7 @@ class SweepPlan:
         self.rows, self.where, self.overrides = tuple(rows), tuple(where), tuple(overrides)
         self.points = points
         self.baseline: int | None = None
+        self.budget: JsonDict | None = None  # seconds for all cells, target_error of each
         self._number = {axis.label: k for k, axis in enumerate(self.axes)}
         self._lengths = tuple(len(axis.values) for axis in self.axes)
         self._sobol = Sobol(len(self.axes), points[1]) if mode == "sobol" else None
@@ -243,6 +244,8 @@ class SweepPlan:
             ]
         if self.baseline is not None:
             plain["baseline"] = self.baseline
+        if self.budget is not None:
+            plain["budget"] = self.budget
         return plain
 
     @classmethod
@@ -263,7 +266,7 @@ class SweepPlan:
                 for o in plain.get("overrides", ())
             ],
         )
-        plan.baseline = plain.get("baseline")
+        plan.baseline, plan.budget = plain.get("baseline"), plain.get("budget")
         return plan
 
     # -- inside -----------------------------------------------------------------------------------

@@ -314,6 +314,8 @@ class UtilityQueue:
         s.garbage()
         if body["ended"]:
             s.wake()
+        elif s.budgets.concern(film):
+            s.dirty()
         return True
 
     def _render_again(self, task: Task, body: JsonDict) -> None:

@@ -52,7 +52,7 @@ class Warden:
         if film_id not in s.films:
             row = s.db.read(lambda c: films.load_film(c, film_id))
             s.films[film_id] = FilmWork(row, s.work, now)
-        s.films[film_id].late.add(job_id)
+        s.films[film_id].late[job_id] = control.DEADLINE
         s.wake()
 
     # -- limits ---------------------------------------------------------------------------------

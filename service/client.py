@@ -26,10 +26,11 @@ import httpx
 from pydantic import BaseModel, ConfigDict, Field
 
 from matiere.errors import MatiereError
+from matiere.service.budget_status import BudgetStatus
 from matiere.service.client_storage import StorageCalls
 
 DEFAULT_URL = "http://127.0.0.1:8470"
-ENDED = frozenset({"succeeded", "failed", "cancelled", "expired"})
+ENDED = frozenset({"succeeded", "unfinished", "failed", "cancelled", "expired"})
 POLL_S = (0.05, 1.0)  # first and longest pause between two looks at a job
 PIECE = 2**20
 SUBMIT_TIMEOUT_S = 600.0  # every cell of a large sweep is checked before the answer
@@ -101,6 +102,13 @@ class JobStatus(_View):
         """Tell whether nothing more will happen."""
         return self.state in ENDED
 
+    @property
+    def rendered(self) -> bool:
+        """Tell whether it ended with an image, at its target or where the budget ended."""
+        return self.state == "succeeded" or (
+            self.state == "unfinished" and "image_png" in self.links
+        )
+
 
 class SweepStatus(_View):
     """A sweep as the service last described it."""
@@ -114,6 +122,7 @@ class SweepStatus(_View):
     counts: dict[str, int]
     columns: int
     baseline: int | None = None
+    budget: BudgetStatus | None = None
     links: dict[str, str] = Field(default_factory=dict)
 
     @property

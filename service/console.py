@@ -50,7 +50,7 @@ def format_time(seconds: float | None) -> str:
 
 def describe(job: JobStatus) -> str:
     """Return one line on how a job ended."""
-    if job.state == "succeeded":
+    if job.rendered:
         cached = ", from an earlier render" if job.cached else ""
         return (
             f"{job.label or job.id}: {job.spp} spp in {job.seconds:.1f} s, {format_error(job)}, "

@@ -51,10 +51,10 @@ def run_fetch(
         target = _target(folder, output, sweep)
         jobs = list(client.jobs(sweep=sweep.id))
         chosen = choose(sweep, jobs, conditions, wanted)
-        _bring(client, target, [j for j in chosen if j.state == "succeeded"], endings)
+        _bring(client, target, [j for j in chosen if j.rendered], endings)
         for path in target.finish(client, sweep, jobs, parquet=parquet):
             typer.echo(f"wrote {path}")
-    bad = [job for job in chosen if job.state != "succeeded"]
+    bad = [job for job in chosen if not job.rendered]
     typer.echo(f"{len(chosen) - len(bad)} of {sweep.cells} cells are here", err=True)
     return len(bad)
 
@@ -124,7 +124,7 @@ def _target(folder: OutputFolder | None, output: Path | None, sweep: SweepStatus
 
 def _fetch_job(client: Client, job_id: str, output: Path, endings: Sequence[str]) -> int:
     job = client.job(job_id)
-    if job.state != "succeeded":
+    if not job.rendered:
         typer.echo(f"job {job_id} is {job.state}", err=True)
         return 1
     output.mkdir(parents=True, exist_ok=True)

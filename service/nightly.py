@@ -28,6 +28,7 @@ from typing import Any
 
 from matiere.errors import MatiereError
 from matiere.jobs import night as nights
+from matiere.jobs.job import RENDERED
 from matiere.jobs.night_options import CHANGED, INCOMPLETE, NO_CHANGE
 from matiere.service import night_run
 from matiere.service.client import Client, ServiceError, local_files
@@ -153,7 +154,7 @@ class Nightly:
 
         place = self.folder / title / name
         tonight = nights.open_folder(place)
-        failed = sum(row["state"] != "succeeded" for row in tonight.rows())
+        failed = sum(row["state"] not in RENDERED for row in tonight.rows())
         earlier = [v["night"] for v in self.nights(title) if v["good"] and v["night"] != name]
         verdict: Verdict = {"night": name, "sweep": title, "failed": failed, "accepted": False,
                             "sweep_id": tonight.head.get("sweep_id")}  # fmt: skip

@@ -26,6 +26,7 @@ from matiere.jobs.job import (
     DEFAULT_PRIORITY,
     MAX_PRIORITY,
     MIN_PRIORITY,
+    RENDERED_STATES,
     Event,
     Job,
     JobState,
@@ -213,6 +214,13 @@ class Override(_Request):
     label: Label = Field("", description="added to the cells' labels")
 
 
+class Budget(_Request):
+    """Render seconds that all cells share, and the error that each is to reach."""
+
+    seconds: float = Field(gt=0, description="render seconds of all cells together")
+    target_error: Target
+
+
 # A field called `list` would hide the type from the annotations of its class.
 Axes = list[Axis]
 Conditions = list[str]
@@ -241,6 +249,9 @@ class SweepLanguage(BaseModel):
     overrides: Overrides | None = Field(None, max_length=100)
     baseline: int | dict[str, JsonValue] | None = Field(
         None, description="the cell to compare with: its number, or axis label -> value"
+    )
+    budget: Budget | None = Field(
+        None, description="instead of a stop rule: seconds for all cells, one error for each"
     )
     list: Cells | None = Field(
         None, min_length=1, description="for mode list: axis label or JSON pointer -> value"
@@ -394,6 +405,19 @@ class JobPage(BaseModel):
     next_cursor: str | None = Field(description="null on the last page")
 
 
+class BudgetView(BaseModel):
+    """What the cells of a sweep share, and how far they are."""
+
+    seconds: float = Field(description="render seconds of all cells together")
+    target_error: dict[str, Any]
+    spent_s: float = Field(description="by all cells so far")
+    needed_s: float | None = Field(
+        description="by the cells that have not ended, as their errors look now; null while a cell"
+        " has not been looked at"
+    )
+    closed: bool = Field(description="no cell gets more; those not at the target are `unfinished`")
+
+
 class SweepView(BaseModel):
     """A sweep as it stands."""
 
@@ -406,6 +430,7 @@ class SweepView(BaseModel):
     counts: dict[str, int] = Field(description="cells by state")
     columns: int
     baseline: int | None = Field(description="number of the cell that others are compared with")
+    budget: BudgetView | None = Field(description="of a sweep whose cells share render seconds")
     pinned: bool = Field(description="kept whatever its age")
     created: datetime
     finished: datetime | None
@@ -436,6 +461,7 @@ class SweepView(BaseModel):
             counts=sweep.counts,
             columns=sweep.columns,
             baseline=sweep.baseline,
+            budget=BudgetView(**vars(sweep.budget)) if sweep.budget else None,
             pinned=sweep.pinned,
             created=_time(sweep.created),
             finished=_time_or_none(sweep.finished),
@@ -534,7 +560,7 @@ class ReadyView(BaseModel):
 
 def steps(state: JobState) -> tuple[str, ...]:
     """Return what can be asked of a job in this state."""
-    if state is JobState.SUCCEEDED:
+    if state in RENDERED_STATES:
         return ()
     if state.final:
         return ("requeue",)
@@ -549,7 +575,7 @@ def sweep_state(sweep: Sweep) -> JobState:
         if waiting == {JobState.PAUSED}:
             return JobState.PAUSED
         return JobState.QUEUED if set(count) <= {JobState.QUEUED} else JobState.RUNNING
-    for state in (JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED):
+    for state in (JobState.FAILED, JobState.CANCELLED, JobState.EXPIRED, JobState.UNFINISHED):
         if state in count:
             return state
     return JobState.SUCCEEDED

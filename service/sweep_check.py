@@ -22,7 +22,7 @@ def verdicts(client: Client, plan: SweepPlan, jobs: Sequence[JobStatus]) -> dict
     """
     wanted: dict[str, list[int]] = {}
     for job in jobs:
-        if job.cell is not None and job.state == "succeeded":
+        if job.cell is not None and job.rendered:
             for material in varying(plan, job.cell):
                 wanted.setdefault(json.dumps(material, sort_keys=True), []).append(job.cell)
     found: dict[int, str] = {}

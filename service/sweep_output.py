@@ -150,6 +150,7 @@ class OutputFolder:
             sheets=sheets,
             plot=plot,
             tables=tables,
+            budget=sweep.budget,
             files={cell: mine for cell, mine in files.items() if mine},
         )
         self._write("index.html", html_of(page, rows))
@@ -185,13 +186,13 @@ class OutputFolder:
         images: Mapping[int, str],
     ) -> list[str]:
         """Write the contact sheet: the service's, or of a larger sweep pages of what is here."""
-        if not any(job.state == "succeeded" for job in jobs):
+        if not any(job.rendered for job in jobs):
             return []
         if sweep.cells <= PAGE_CELLS and sweep.ended:
             client.fetch_contact_sheet(sweep.id, self.folder / SHEET)
             self._note(SHEET)
             return [SHEET]
-        shown = [j for j in jobs if j.cell in images or (images and j.state != "succeeded")]
+        shown = [j for j in jobs if j.cell in images or (images and not j.rendered)]
         if not any(j.cell in images for j in shown):
             return []
         from matiere.jobs.sheet import draw
@@ -226,7 +227,7 @@ class OutputFolder:
 
         curves = []
         for job in jobs:
-            if job.state == "succeeded":
+            if job.rendered:
                 report = reports.get(-1 if job.cell is None else job.cell, {})
                 curves.append((job.label or str(job.cell), report.get("log") or _end_of(job)))
         with contextlib.suppress(ValueError):  # no cell knows its error: nothing to draw

@@ -13,7 +13,10 @@ from html import escape
 from typing import Any
 from urllib.parse import quote
 
+from matiere.jobs.job import RENDERED
+from matiere.service.budget_status import BudgetStatus
 from matiere.service.sweep_table import FIXED, Row
+from matiere.target import in_words
 
 MOST_ROWS = 2000  # a page with more opens slowly; table.csv holds all
 LARGEST_ERRORS = 1900  # of those, when there are more cells
@@ -111,6 +114,7 @@ class Page:
     sheets: Sequence[str] = ()
     plot: str | None = None
     tables: Sequence[str] = ("table.csv",)
+    budget: BudgetStatus | None = None
     files: Mapping[int, Mapping[str, str]] = field(default_factory=dict)  # cell -> ending -> name
     made: float = field(default_factory=time.time)
 
@@ -151,12 +155,19 @@ def choose(rows: Sequence[Row], baseline: int | None) -> list[Row]:
 
 
 def _summary(page: Page, rows: Sequence[Row]) -> str:
-    done = [r for r in rows if r["state"] == "succeeded"]
+    done = [r for r in rows if r["state"] in RENDERED]
+    unfinished = sum(r["state"] == "unfinished" for r in rows)
     errors = sorted(r["relmse"] for r in done if r["relmse"] is not None)
     seconds = sum(r["seconds"] for r in rows)
-    facts = [("cells", f"{page.cells:,}"), ("succeeded", f"{len(done):,}")]
-    if len(done) < len(rows):
-        facts.append(("not succeeded", f"{len(rows) - len(done):,}"))
+    good = sum(r["state"] == "succeeded" for r in rows)
+    facts = [("cells", f"{page.cells:,}"), ("succeeded", f"{good:,}")]
+    if unfinished:
+        facts.append(("unfinished", f"{unfinished:,}"))
+    if good + unfinished < len(rows):
+        facts.append(("not succeeded", f"{len(rows) - good - unfinished:,}"))
+    if page.budget is not None:
+        facts.append(("target", in_words(page.budget.target_error)))
+        facts.append(("budget", f"{page.budget.spent_s:,.1f} of {page.budget.seconds:,g} s"))
     if page.baseline is not None:
         facts.append(("baseline", f"cell {page.baseline}"))
     facts.append(("render time", f"{seconds:,.1f} s"))
@@ -198,6 +209,8 @@ def _how_many(shown: int, rows: Sequence[Row], page: Page) -> str:
             "an image in this folder and the largest errors. All are in the table. "
         )
     words += "relMSE: estimated relative mean squared error with its 95 % interval."
+    if any(row["state"] == "unfinished" for row in rows):
+        words += " unfinished: the budget ended before this cell reached the target."
     if any(row["versus_baseline"] is not None for row in rows):
         words += (
             " vs baseline: change of the mean luminance with its 95 % interval, bold where that"
@@ -245,6 +258,8 @@ def _row(
     cells = [f"<td>{picture}</td>" if page.files else "", number_of]
     cells += [_cell(row[axis], numeric[axis]) for axis in axes]
     state = escape(str(row["state"]))
+    if row["state"] == "unfinished":
+        state = f'<span class="bad">{state}</span>'
     if row["error"]:
         state = f'<span class="bad">{state}: {escape(str(row["error"]))}</span>'
     span = ""

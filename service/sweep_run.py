@@ -80,12 +80,22 @@ def run_sweep(
         wrote += _night(client, status, output / "night")
         for path in wrote:
             typer.echo(f"wrote {path}")
-    failed = [job for job in jobs if job.state != "succeeded"]
+    if open_ends := sum(job.state == "unfinished" for job in jobs):
+        typer.echo(_unfinished(status, open_ends), err=True)
+    failed = [job for job in jobs if job.state not in ("succeeded", "unfinished")]
     for job in failed[:SHOWN_FAILURES]:
         typer.echo(f"cell {job.cell} {describe(job)}", err=True)
     if len(failed) > SHOWN_FAILURES:
         typer.echo(f"... and {len(failed) - SHOWN_FAILURES} more; see table.csv", err=True)
     return len(failed)
+
+
+def _unfinished(status: SweepStatus, cells: int) -> str:
+    seconds = f"{status.budget.seconds:g} s" if status.budget else "the budget"
+    return (
+        f"{cells} of {status.cells} cells did not reach the target error within {seconds}; the "
+        "table says how far they are, and a larger budget goes on from there"
+    )
 
 
 def _chosen(fetch: str, cells: int, output: Path) -> str:
@@ -219,12 +229,14 @@ def _follow(
             if status.cells <= MAX_LISTED or status.ended:
                 jobs = list(client.jobs(sweep=status.id))
                 for job in jobs:
-                    if endings and job.state == "succeeded" and not folder.has(job, endings):
+                    if endings and job.rendered and not folder.has(job, endings):
                         folder.fetch(client, job, endings)
                 share = sum(job.progress for job in jobs) / max(len(jobs), 1)
             else:
                 jobs = []
                 share = _ended(status) / max(status.cells, 1)
+            if status.budget is not None:
+                share = 1.0 if status.ended else min(status.budget.share, 0.99)
             left = None if status.ended else remaining.seconds(share)
             held = "" if status.ended else holdup.text()
             show(share, 1.0, _line(status, jobs, left) + held)
@@ -239,8 +251,13 @@ def _ended(status: SweepStatus) -> int:
 
 def _line(status: SweepStatus, jobs: list[JobStatus], left: float | None) -> str:
     parts = [f"{_ended(status)}/{status.cells} cells"]
-    if bad := _ended(status) - status.counts.get("succeeded", 0):
+    open_ends = status.counts.get("unfinished", 0)
+    if open_ends:
+        parts.append(f"{open_ends} unfinished")
+    if bad := _ended(status) - status.counts.get("succeeded", 0) - open_ends:
         parts.append(f"{bad} failed")
+    if status.budget is not None:
+        parts.append(f"{status.budget.spent_s:.3g} of {status.budget.seconds:g} s spent")
     errors = [job.relmse for job in jobs if job.relmse is not None]
     if errors:
         parts.append(f"median relMSE {statistics.median(errors):.2e}")

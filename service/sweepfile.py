@@ -14,6 +14,7 @@ import rfc8785
 from pydantic import ConfigDict, Field, ValidationError
 
 from matiere.errors import Fault, SceneValidationError, pointer
+from matiere.jobs.budget import STOP_KEYS
 from matiere.jobs.sweep import SweepPlan, parse_sweep
 from matiere.scene import document
 from matiere.service.schemas import Label, SweepLanguage
@@ -82,6 +83,9 @@ def load_sweep(path: Path) -> LoadedSweep:
             raise SceneValidationError([Fault("/base", "wrong_type", "a scene is a JSON object")])
     render = base.get("render")
     base = {**base, "render": {**(render if isinstance(render, dict) else {}), **sweep.render}}
+    if sweep.budget is not None and (given := [k for k in STOP_KEYS if k in sweep.render]):
+        why = "a sweep has a budget or a stop rule, not both; its budget names the target_error"
+        raise SceneValidationError([Fault(pointer("render", given[0]), "exclusive_keys", why)])
     language = sweep.language()
     plan = parse_sweep({"mode": sweep.mode, **language}, base)
     return LoadedSweep(

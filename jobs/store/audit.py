@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.artifacts import Artifacts
-from matiere.jobs.job import FINAL_STATES, JobState, queue_rank
+from matiere.jobs.job import FINAL_STATES, RENDERED, JobState, queue_rank
 from matiere.jobs.store import dependencies
 from matiere.jobs.store.tables import (
     artifact,
@@ -135,7 +135,8 @@ def _jobs(c: Connection) -> Iterator[str]:
         ended = r.ended_spp is not None
         if (r.finished is not None) != (r.state in FINAL):
             yield f"{name} finished at {r.finished}"
-        if r.state == JobState.SUCCEEDED.value and not (ended and mine and "film" not in mine):
+        cut_short = r.state == JobState.UNFINISHED.value and not ended  # without a sample
+        if r.state in RENDERED and not cut_short and not (ended and mine and "film" not in mine):
             yield f"{name} has files {sorted(mine)}, samples {r.ended_spp}"
         if r.state == JobState.CANCELLED.value and mine:
             yield f"{name} keeps {sorted(mine)}"
@@ -167,7 +168,7 @@ def _history(c: Connection) -> Iterator[str]:
     rows = sa.select(job_history.c.job_id, job_history.c.attempt, job_history.c.state)
     for job_id, number, state in c.execute(rows.order_by(job_history.c.attempt)):
         past.setdefault(job_id, []).append(number)
-        if state not in FINAL or state == JobState.SUCCEEDED.value:
+        if state not in FINAL or state in RENDERED:
             yield f"attempt {number} of job {job_id} was given up as {state}"
     for r in c.execute(sa.select(job.c.id, job.c.attempt)):
         if past.get(r.id, []) != list(range(1, r.attempt)):

@@ -52,9 +52,12 @@ class Expansion:
 
 def unexpanded(c: Connection) -> list[Expansion]:
     """Return sweeps with cells that have no jobs yet, most urgent first."""
+    looked_at = sweep.c.budget.is_not(None) & job.c.target_share.is_not(
+        None
+    )  # its cells take turns
     live = (
         sa.select(sa.func.count())
-        .where(job.c.sweep_id == sweep.c.id, job.c.state.in_(LIVE))
+        .where(job.c.sweep_id == sweep.c.id, job.c.state.in_(LIVE), ~looked_at)
         .scalar_subquery()
     )
     rows = c.execute(
@@ -102,7 +105,7 @@ def insert_cells(c: Connection, sweep_id: str, first: int, rows: Sequence[Row]) 
         if "fault" in r:
             _insert_bad(c, about, request, r)
         elif not r["small"]:
-            insert_job(c, _spec(about, request, r), sweep_id, about.blockers)
+            insert_job(c, _spec(about, request, r), sweep_id, about.blockers, about.created)
     end = first + len(rows)
     c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(expanded=end))
     return True

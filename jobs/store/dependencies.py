@@ -14,7 +14,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.errors import Fault, SceneValidationError
-from matiere.jobs.job import LIVE_STATES, JobError, JobState
+from matiere.jobs.job import LIVE_STATES, RENDERED, JobError, JobState
 from matiere.jobs.store.tables import dependency, job, sweep
 
 MET, OPEN, BROKEN = "met", "open", "broken"
@@ -26,7 +26,7 @@ def standing(c: Connection, needed: str) -> str | None:
     """Return MET, OPEN or BROKEN for a job or sweep; None if there is none of this id."""
     state = c.scalar(sa.select(job.c.state).where(job.c.id == needed))
     if state is not None:
-        good = state == JobState.SUCCEEDED.value
+        good = state in RENDERED
         return MET if good else BROKEN if JobState(state).final else OPEN
     row = c.execute(sa.select(sweep).where(sweep.c.id == needed)).first()
     if row is None:
@@ -35,7 +35,7 @@ def standing(c: Connection, needed: str) -> str | None:
         return OPEN
     if row.expanded < row.cells:
         return BROKEN
-    bad = sa.exists().where(job.c.sweep_id == needed, job.c.state != JobState.SUCCEEDED.value)
+    bad = sa.exists().where(job.c.sweep_id == needed, job.c.state.not_in(RENDERED))
     return BROKEN if c.scalar(sa.select(bad)) else MET
 
 

@@ -17,10 +17,11 @@ from sqlalchemy.engine import Connection
 
 from matiere.jobs.course import is_adaptive
 from matiere.jobs.job import JsonDict
+from matiere.jobs.store import budgets
 from matiere.jobs.store.events import emit
 from matiere.jobs.store.files import Blob, add_reference, discard, drop_attempts, drop_reference
 from matiere.jobs.store.jobs import ACTIVE, LIVE, WANTING, end_job, start_jobs
-from matiere.jobs.store.tables import attempt, chunk, film, instance, job
+from matiere.jobs.store.tables import attempt, chunk, film, instance, job, sweep
 
 MISSING, CLAIMED, DONE = "missing", "claimed", "done"
 
@@ -112,16 +113,17 @@ class Merged:
 
 # -- reading ----------------------------------------------------------------------------------
 def next_films(c: Connection, limit: int) -> list[int]:
-    """Return films that jobs wait for, most urgent first."""
+    """Return films that jobs wait for, most urgent first; not cells that share a budget."""
     wanting = (job.c.ended_spp.is_(None), job.c.blockers == 0)
     ordinary = (~film.c.whole, film.c.claim_token.is_(None))  # nor made so under a child's hands
+    shared = sa.exists().where(sweep.c.id == job.c.sweep_id, sweep.c.budget.is_not(None))
     rows = [
         row
         for state in ACTIVE  # each along the index of the queue
         for row in c.execute(
             sa.select(job.c.rank, job.c.id, job.c.film_id)
             .join(film)
-            .where(job.c.state == state, *wanting, *ordinary)
+            .where(job.c.state == state, *wanting, *ordinary, ~shared)
             .order_by(job.c.rank.desc(), job.c.id)
             .limit(4 * limit)
         )
@@ -262,8 +264,10 @@ def complete(c: Connection, report: Report) -> bool:
             chunks_rendered=film.c.chunks_rendered + accepted.rowcount,
         )
     )
-    for waiting in waiting_jobs(c, report.film_id):
-        emit(c, "progress", waiting.id, waiting.sweep_id, chunks=accepted.rowcount)
+    waiting = waiting_jobs(c, report.film_id)
+    for job_ in waiting:
+        emit(c, "progress", job_.id, job_.sweep_id, chunks=accepted.rowcount)
+    budgets.charge(c, {job_.sweep_id for job_ in waiting if job_.sweep_id}, report.seconds)
     return True
 
 

@@ -16,6 +16,7 @@ from matiere.jobs.errors import IdempotencyConflict, JobNotFound
 from matiere.jobs.job import (
     ACTIVE_STATES,
     LIVE_STATES,
+    RENDERED_STATES,
     JobError,
     JobState,
     JsonDict,
@@ -38,6 +39,7 @@ ACTIVE = [state.value for state in ACTIVE_STATES]
 # Jobs that samples may be rendered for now: not paused, waiting for no other, not complete.
 WANTING = job.c.state.in_(ACTIVE) & job.c.ended_spp.is_(None) & (job.c.blockers == 0)
 
+_CUT_SHORT = {"deadline": JobState.EXPIRED, "budget": JobState.UNFINISHED}  # by stop reason
 _ENDED = (
     "ended_spp",
     "ended_seconds",
@@ -94,6 +96,7 @@ class SweepSpec:
     request: JsonDict  # stop, root, pins and deadline of its cells
     after: tuple[str, ...] = ()
     baseline: int | None = None
+    budget: JsonDict | None = None
 
 
 @dataclass(frozen=True)
@@ -139,6 +142,7 @@ def insert_sweep(c: Connection, spec: SweepSpec, key: Key | None = None) -> tupl
             cells=spec.cells,
             columns=spec.columns,
             baseline=spec.baseline,
+            budget=dumps(spec.budget) if spec.budget else None,
             priority=spec.priority,
             request=dumps(spec.request | {"plan": spec.plan.digest}),
             created=time.time(),
@@ -228,8 +232,17 @@ def make_ordinary(c: Connection, film_id: int, spec: FilmSpec) -> None:
     c.execute(sa.update(film).where(film.c.id == film_id).values(values))
 
 
-def insert_job(c: Connection, spec: JobSpec, sweep_id: str | None = None, blockers: int = 0) -> str:
-    """Insert a job, and its film if it is new, within a transaction; return its id."""
+def insert_job(
+    c: Connection,
+    spec: JobSpec,
+    sweep_id: str | None = None,
+    blockers: int = 0,
+    queued: float | None = None,
+) -> str:
+    """Insert a job, and its film if it is new, within a transaction; return its id.
+
+    A cell has waited as long as its sweep, since `queued`.
+    """
     film_id, prefix_spp = _find_or_add_film(c, spec.film)
     job_id, now = str(uuid7()), time.time()
     if sweep_id is None:
@@ -251,8 +264,8 @@ def insert_job(c: Connection, spec: JobSpec, sweep_id: str | None = None, blocke
             cached=cached,
             prefix_spp_at_submit=prefix_spp,
             created=now,
-            queued=now,
-            rank=queue_rank(spec.priority, now),
+            queued=queued or now,
+            rank=queue_rank(spec.priority, queued or now),
             deadline=spec.deadline,
             blockers=blockers,
         )
@@ -326,7 +339,7 @@ def set_state(
     c.execute(sa.update(job).where(job.c.id == job_id).values(values))
     emit(c, new.value, job_id=job_id, sweep_id=row.sweep_id, **data)
     if new.final and settling:
-        dependencies.settle(c, job_id, new is JobState.SUCCEEDED)
+        dependencies.settle(c, job_id, new in RENDERED_STATES)
 
 
 def start_jobs(c: Connection, film_id: int) -> None:
@@ -415,8 +428,8 @@ def finish_job(
 ) -> bool:
     """Attach the images and end the job; false if it was cancelled (or requeued) meanwhile.
 
-    It has succeeded, or expired when only its deadline ended it. `attempt` is the one that the
-    images were made for.
+    It has succeeded, or expired when only its deadline ended it, or is unfinished when only the
+    budget of its sweep did. `attempt` is the one that the images were made for.
     """
     row = c.execute(sa.select(job).where(job.c.id == job_id)).first()
     stale = row is None or row.state != JobState.RUNNING.value or row.ended_spp is None
@@ -425,8 +438,7 @@ def finish_job(
         return False
     add_references(c, ("job", job_id), files)
     drop_reference(c, ("job", job_id), "film")
-    late = row.stop_reason == "deadline"
-    set_state(c, job_id, JobState.EXPIRED if late else JobState.SUCCEEDED)
+    set_state(c, job_id, _CUT_SHORT.get(row.stop_reason, JobState.SUCCEEDED))
     return True
 
 

@@ -84,6 +84,9 @@ sweep = Table(
     Column("request", Text, nullable=False, default="{}"),  # JSON that makes jobs of cells
     Column("columns", Integer, nullable=False),
     Column("baseline", Integer),  # cell that others are compared with
+    Column("budget", Text),  # JSON: seconds that all cells share, target_error of each
+    Column("budget_spent_s", Float, nullable=False, server_default="0"),
+    Column("budget_closed", Boolean, nullable=False, server_default=false()),  # no more is rendered
     Column("created", Float, nullable=False),
     Column("finished", Float),
     Column("blockers", Integer, nullable=False, server_default="0"),  # as `job.blockers`

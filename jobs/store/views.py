@@ -15,13 +15,14 @@ from matiere.jobs.job import (
     AGEING_S,
     ARTIFACT_MEDIA_TYPES,
     IMAGES,
+    RENDERED,
     Job,
     JobError,
     JobState,
     JsonDict,
     Sweep,
 )
-from matiere.jobs.store import dependencies
+from matiere.jobs.store import budgets, dependencies
 from matiere.jobs.store.files import references_of
 from matiere.jobs.store.tables import film, job, job_history, sweep
 
@@ -219,7 +220,7 @@ def _job(
 
 def _progress(r: Any, stop: JsonDict) -> float:
     """Return the share of the way to the stop condition that is nearest."""
-    if r.state == JobState.SUCCEEDED.value:
+    if r.state in RENDERED:
         return 1.0
     if r.ended_spp is not None:
         return 0.99
@@ -235,7 +236,7 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
     ids = [r.id for r in rows]
     kinds = references_of(c, "sweep", ids)
     found: dict[str, dict[str, int]] = {i: {s.value: 0 for s in JobState} for i in ids}
-    needs = dependencies.needs_by_waiter(c, ids)
+    needs, shared = dependencies.needs_by_waiter(c, ids), budgets.views(c, rows)
     grouped = (
         sa.select(job.c.sweep_id, job.c.state, sa.func.count())
         .where(job.c.sweep_id.in_(ids))
@@ -262,6 +263,7 @@ def _sweeps(c: Connection, rows: Sequence[Any]) -> list[Sweep]:
             after=needs.get(r.id, ()),
             waiting_for=r.blockers,
             pinned=bool(r.pinned),
+            budget=shared.get(r.id),
         )
         for r in rows
     ]

@@ -134,7 +134,8 @@ def get_job(job_id: str, response: Response, engine: EngineDep) -> JobView:
 
 def _file(request: Request, engine: Engine, job_id: str, kind: str) -> Response:
     job = find_job(engine, job_id)
-    kept = job.state is JobState.EXPIRED and kind in job.artifacts
+    cut_short = job.state in (JobState.EXPIRED, JobState.UNFINISHED)
+    kept = cut_short and kind in job.artifacts
     if job.state.final and job.state is not JobState.SUCCEEDED and not kept:
         reason = f": {job.error.message}" if job.error else ""
         raise Problem("job_not_succeeded", f"The job ended as {job.state}{reason}", state=job.state)

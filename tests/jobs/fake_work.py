@@ -146,6 +146,7 @@ class FakeScene:
         shape = (self.plan.replicates, c["y1"] - c["y0"], c["x1"] - c["x0"])
         rng = np.random.default_rng(seed)
         sums = rng.random(shape) * (c["s1"] - c["s0"]) / self.plan.replicates
+        sums *= self.scene.get("hard", 1)  # as many times the error of others
         return index.to_bytes(4, "little") + sums.tobytes()
 
     render_part = render_chunk
@@ -227,8 +228,10 @@ class FakeFold:
         self.add(memoryview(part))
 
     def look(self, spp: int, seconds: float) -> JsonDict:
-        return {"spp": spp, "seconds": seconds, "relmse": 1 / spp, "lower": 0.9 / spp,
-                "upper": 1.1 / spp}  # fmt: skip
+        hard = max(1, round(2 * self.sums.sum() / self.counts.sum()))
+        error = hard / spp
+        return {"spp": spp, "seconds": seconds, "relmse": error, "lower": 0.9 * error,
+                "upper": 1.1 * error}  # fmt: skip
 
     def to_bytes(self) -> bytes:
         return self.sums.tobytes() + self.counts.tobytes()
@@ -244,6 +247,8 @@ def open_fold(plan: FakePlan, stored: memoryview | None) -> FakeFold:
 
 def look_due(plan: FakePlan, stop: JsonDict, spp: int) -> bool:
     ranges = plan.ranges(spp)
+    if stop.get("target_error"):
+        return spp > 0
     return spp > 0 and (ranges <= 4 or (ranges & (ranges - 1)) == 0)
 
 

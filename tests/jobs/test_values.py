@@ -18,6 +18,7 @@ LEGAL = {
     ("queued", "expired"), ("running", "succeeded"), ("running", "failed"),
     ("running", "cancelled"), ("running", "expired"), ("queued", "paused"), ("running", "paused"),
     ("paused", "queued"), ("paused", "cancelled"), ("paused", "expired"),
+    ("queued", "unfinished"), ("running", "unfinished"),
     ("failed", "queued"), ("cancelled", "queued"), ("expired", "queued"),
 }  # fmt: skip
 
@@ -33,7 +34,8 @@ def test_only_listed_transitions_are_legal(old: JobState, new: JobState) -> None
 
 
 def test_an_ended_job_stays_as_it_is() -> None:
-    assert {s.value for s in JobState if s.final} == {"succeeded", "failed", "cancelled", "expired"}
+    ended = {"succeeded", "unfinished", "failed", "cancelled", "expired"}
+    assert {s.value for s in JobState if s.final} == ended
 
 
 BASE: dict[str, Any] = {

@@ -91,3 +91,23 @@ def test_a_running_service_does_the_work(tmp_path: Path, sweep_file: Path) -> No
         assert f"rendered by {serving.url}" in said
         assert len(list(client.jobs())) == 6
     assert cells(out) == 6
+
+
+def test_a_sweep_with_a_budget_marks_what_it_left(tmp_path: Path, sweep_file: Path) -> None:
+    asked = json.loads(sweep_file.read_text())
+    del asked["base"]["render"]
+    asked["axes"] = [{"pointer": "/hard", "values": [1, 200], "label": "hard"}]
+    asked["base"]["hard"] = 1
+    asked["budget"] = {"seconds": 1.0, "target_error": {"relmse": 0.3}}
+    sweep_file.write_text(json.dumps(asked))
+    out = tmp_path / "out"
+    with command("sweep", sweep_file, "-o", out, "--data", tmp_path / "data") as run:
+        said = run.output()
+        assert run.process.wait(60) == 0, said
+    assert "1 of 2 cells did not reach the target error within 1 s" in said
+    assert "of 1 s spent" in said
+    assert [row["state"] for row in table(out)] == ["succeeded", "unfinished"]
+    assert [row["stop_reason"] for row in table(out)] == ["target_error", "budget"]
+    assert all(float(row["relmse"]) > 0 for row in table(out)) and cells(out) == 2
+    page = (out / "index.html").read_text()
+    assert "unfinished" in page and "relMSE 0.3" in page and " of 1 s" in page

@@ -3,7 +3,7 @@ import { ask, complain, morph, ready } from "./common.js";
 
 const KINDS = [
   "snapshot", "reset", "queued", "running", "progress", "look", "paused", "resumed", "priority",
-  "succeeded", "failed", "cancelled", "expired", "sweep_finished", "message",
+  "succeeded", "unfinished", "failed", "cancelled", "expired", "sweep_finished", "message",
 ];
 const MIN_GAP_MS = 700;
 const SAFETY_MS = 15000; // ask all the same, should events get lost
