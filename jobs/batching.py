@@ -206,6 +206,7 @@ class Batching:
             return
         s.health.counters["claims_done" if accepted else "reports_superseded"] += 1
         if accepted:
+            s.telemetry.rendered_films(held, body)
             s.health.counters["jobs_succeeded"] += sum(len(f["ended"]) for f in body["films"])
             s.health.counters["chunks_rendered"] += sum(f["rendered_chunks"] for f in body["films"])
         s.garbage()
@@ -240,6 +241,7 @@ class Batching:
         if held.kind == "expand":
             self._expansion_lost(held.detail, state, error)
         else:
+            s.telemetry.films_lost(held, state, error.code if error else "")
             begun = [held.begun] if held.begun is not None else list(held.detail)[:1]
             guilty = s.db.write(
                 lambda c: batches.give_back_films(c, held.token, state, error, begun)

@@ -34,10 +34,12 @@ from uuid6 import uuid7
 
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs import deadline as deadlines
+from matiere.jobs import tracing
 from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.cluster.member import cluster_of
 from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
+from matiere.jobs.engine_gauges import Gauges
 from matiere.jobs.engine_nights import EngineNights
 from matiere.jobs.errors import (
     AssetMismatch,
@@ -130,7 +132,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineNights, Feed):
+class Engine(Controls, EngineNights, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(
@@ -282,6 +284,7 @@ class Engine(Controls, EngineNights, Feed):
         """
         self._accepting()
         moment = _given(deadline, after)
+        begun = time.monotonic()
         digest = body_hash("job", scene, stop, assets, priority, label, *moment)
         key = jobs.Key(idempotency_key, digest) if idempotency_key else None
         if key is not None and (known := self._db.read(lambda c: jobs.replayed(c, key, "job"))):
@@ -291,6 +294,7 @@ class Engine(Controls, EngineNights, Feed):
         spec = self._submitter.job(scene, request)
         self.storage.check_room([(spec.film.width, spec.film.height, spec.film.replicates)])
         job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
+        tracing.record("submit", job_id, time.monotonic() - begun)
         self._scheduler.wake()
         return self.get_job(job_id)
 

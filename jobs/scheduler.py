@@ -32,6 +32,7 @@ from matiere.jobs.store import events, files, films, jobs
 from matiere.jobs.store.database import Database
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import Claim, Loss, Report
+from matiere.jobs.telemetry import Telemetry
 from matiere.jobs.term import Term
 from matiere.jobs.utility_queue import Question, UtilityQueue
 from matiere.jobs.warden import Warden
@@ -62,6 +63,7 @@ class Scheduler(Questions, threading.Thread):
         self.db, self.data, self.options, self.work = database, data, options, work
         self.inbox: queue.SimpleQueue[Message | Question | None] = queue.SimpleQueue()
         self.health = Health()
+        self.telemetry = Telemetry(database.measures)
         self.term = term
         self.storage = Storage(data, database, options.rules)
         self.on_low_disk: Callable[[], None] | None = None
@@ -214,6 +216,7 @@ class Scheduler(Questions, threading.Thread):
         if film is None or not accepted:
             return
         self.health.counters["chunks_rendered"] += len(held.chunks)
+        self.telemetry.rendered(held, film, body, child.name)
         for index in held.chunks:
             film.claimed.pop(index, None)
             film.done[index] = held.token
@@ -276,7 +279,9 @@ class Scheduler(Questions, threading.Thread):
 
     def _give_back(self, held: Held, loss: Loss) -> None:
         self.db.write(lambda c: films.give_back(c, loss))
-        if (film := self.films.get(held.film_id)) is not None:
+        film = self.films.get(held.film_id)
+        self.telemetry.lost(held, loss, [job.id for job in film.jobs] if film else ())
+        if film is not None:
             film.put_back(held.chunks)
             counted = {"failed": film.tries, "lost": film.losses}.get(loss.state, {})
             for index in held.chunks:
@@ -371,6 +376,7 @@ class Scheduler(Questions, threading.Thread):
         tail = child.log_tail()
         log.warning("%s (pid %d) %s", child.name, child.pid, words)
         self.health.counters["children_lost"] += 1
+        self.db.measures.child_ends[kind] += 1
         for place, held in enumerate(list(child.inflight.values())):
             begun = place < child.capacity and held.cancelled is None
             state = ("lost" if kind == "lost" else "failed") if begun else "void"
@@ -540,6 +546,7 @@ class Scheduler(Questions, threading.Thread):
         chunks = film.take(aim, min(most, MOST_CHUNKS))
         if not chunks:
             return
+        begun = time.monotonic()
         claim = Claim(film.id, chunks, self.term.instance_id, child.pid, LEASE_S)
         try:
             token = self.db.write(lambda c: films.claim(c, claim))
@@ -554,6 +561,7 @@ class Scheduler(Questions, threading.Thread):
             film.claimed[index] = token
         samples = sum(film.samples(i) for i in chunks)
         child.inflight[token] = Held(token, film.id, chunks, samples, now)
+        self.telemetry.claimed(child.inflight[token], child.name, begun)
         child.geometry = film.row.geometry_key
         child.seen[film.key] = None
         while len(child.seen) > 4:

@@ -11,6 +11,7 @@ from __future__ import annotations
 import heapq
 import itertools
 import logging
+import time
 from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, field
@@ -209,6 +210,9 @@ class UtilityQueue:
                 return
             self._finish(task)
             self.slot.failures = 0
+            jobs_of = task.seen or ((str(task.key),) if task.kind == IMAGES else ())
+            took = time.monotonic() - self._started
+            self._scheduler.telemetry.utility(NAMES[task.kind], jobs_of, took)
         elif task.question is not None and body["permanent"]:
             self._finish(task)
             fault = {"pointer": body["pointer"], "code": body["error"], "message": body["message"]}
@@ -266,6 +270,7 @@ class UtilityQueue:
         tail = self.slot.child.log_tail()
         log.warning("utility child (pid %d) %s", self.slot.child.pid, words)
         self._scheduler.health.counters["children_lost"] += 1
+        self._scheduler.db.measures.child_ends[kind] += 1
         if not self.slot.child.ready:
             where = self._scheduler.data.logs
             self._scheduler.health.stuck = f"the utility child does not start; see {where}"

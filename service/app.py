@@ -20,6 +20,7 @@ from matiere.service import errors
 from matiere.service.broadcast import Broadcaster
 from matiere.service.deps import InFlight
 from matiere.service.openapi import Application
+from matiere.service.metrics import Metrics, MetricsMiddleware, RouteNote
 from matiere.service.page.router import router as page
 from matiere.service.routes import (
     assets,
@@ -28,6 +29,7 @@ from matiere.service.routes import (
     health,
     jobs,
     materials,
+    metrics,
     nights,
     storage,
     sweeps,
@@ -67,7 +69,9 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     app.state.settings = settings
     app.state.in_flight = InFlight()
     app.state.broadcaster = Broadcaster(lambda: cast(Engine, app.state.engine))
+    app.state.metrics = Metrics(lambda: cast(Engine, app.state.engine))
     errors.install(app)
+    app.add_middleware(RouteNote)
     host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app.add_middleware(
         SecurityMiddleware,
@@ -76,7 +80,9 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
         max_asset_bytes=settings.max_asset_bytes,
         body_timeout_s=settings.body_timeout_s,
     )
-    for routes in (events, jobs, sweeps, nights, assets, materials, checks, storage, health):
+    app.add_middleware(MetricsMiddleware, metrics=app.state.metrics)  # outermost
+    of_jobs = (events, jobs, sweeps, nights, assets)
+    for routes in (*of_jobs, materials, checks, storage, health, metrics):
         app.include_router(routes.router)
     app.include_router(page)
     return app

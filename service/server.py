@@ -12,7 +12,6 @@ import contextlib
 import errno
 import ipaddress
 import logging
-import logging.handlers
 import os
 import signal
 import socket
@@ -30,9 +29,9 @@ from fastapi import FastAPI
 from matiere.errors import MatiereError
 from matiere.service.broadcast import Broadcaster
 from matiere.service.lockfile import read_announcement
+from matiere.service.logs import open_log
 from matiere.service.settings import Settings
 
-LOG_BYTES, LOG_FILES = 10 * 2**20, 5
 LISTEN_BACKLOG = 512
 KEEP_ALIVE_S = 30
 STALL_S = 60.0
@@ -204,27 +203,6 @@ def wait_for_signal(server: BackgroundServer) -> str:
     return names[0]
 
 
-def open_log(data: Path, level: str) -> Path:
-    """Write this process's log to `<data>/logs/serve.log`, rotated; return its path."""
-    folder = data / "logs"
-    folder.mkdir(mode=0o700, parents=True, exist_ok=True)
-    path = folder / "serve.log"
-    handler = logging.handlers.RotatingFileHandler(
-        path, maxBytes=LOG_BYTES, backupCount=LOG_FILES, encoding="utf-8"
-    )
-    formatter = logging.Formatter("%(asctime)s %(levelname)s %(name)s %(message)s")
-    formatter.converter = time.gmtime
-    formatter.default_time_format = "%Y-%m-%dT%H:%M:%S"
-    formatter.default_msec_format = "%s.%03dZ"
-    handler.setFormatter(formatter)
-    root = logging.getLogger()
-    root.addHandler(handler)
-    root.setLevel(level.upper())
-    for name in ("httpx", "httpcore", "matplotlib"):  # they tell every step at INFO
-        logging.getLogger(name).setLevel(logging.WARNING)
-    return path
-
-
 def _count(number: int, one: str, many: str) -> str:
     return f"{number} {one if number == 1 else many}"
 
@@ -254,6 +232,7 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
 
     Raises `ServeError`, `DataDirLocked` or `StoreError` when it cannot start.
     """
+    from matiere.jobs import tracing
     from matiere.jobs.engine import open_engine
     from matiere.service.app import create_app
 
@@ -279,7 +258,10 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 ray_address=settings.ray_address,
             )
         )
-        log_path = open_log(settings.data, settings.log_level)
+        log_path = open_log(settings.data, settings.log_level, settings.log_format)
+        if settings.tracing:
+            tracing.enable()
+            stack.callback(tracing.disable)
         server = stack.enter_context(BackgroundServer(create_app(engine, settings), sock))
         engine.announce(url)
         log.info("serving %s from %s", url, settings.data)

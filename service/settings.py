@@ -113,6 +113,12 @@ class Settings(BaseModel):
     log_level: Literal["debug", "info", "warning", "error"] = Field(
         "info", description="least severe line written to the log"
     )
+    log_format: Literal["text", "json"] = Field(
+        "text", description="lines of the log: text, or one JSON object each"
+    )
+    tracing: bool = Field(
+        False, description="send spans to OpenTelemetry, where OTEL_EXPORTER_OTLP_ENDPOINT says"
+    )
 
     def rules(self) -> Rules:
         """Return how long things are kept."""

@@ -154,7 +154,8 @@ def own_service(settings: Settings) -> Iterator[Client]:
     """Open the data directory's queue in this process and give a client of it."""
     from matiere.jobs.engine import open_engine
     from matiere.service.app import create_app
-    from matiere.service.server import BackgroundServer, open_log, private_socket
+    from matiere.service.logs import open_log
+    from matiere.service.server import BackgroundServer, private_socket
 
     with contextlib.ExitStack() as stack:
         engine = stack.enter_context(

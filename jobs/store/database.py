@@ -9,6 +9,8 @@ from __future__ import annotations
 import logging
 import queue
 import threading
+import time
+from collections import Counter
 from collections.abc import Callable
 from concurrent.futures import Future
 from pathlib import Path
@@ -22,6 +24,7 @@ from alembic.migration import MigrationContext
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import DiskFull, StoreError
+from matiere.jobs.measure import Measures
 from matiere.jobs.store import postgresql, sqlite
 
 logging.getLogger("alembic").setLevel(logging.WARNING)
@@ -46,6 +49,7 @@ class Database:
     def __init__(self, path: Path | None, url: str | None = None, *, migrate: bool = True) -> None:
         """Open (and create) `path` with SQLite, or a PostgreSQL database by `url`."""
         self.path = path
+        self.measures = Measures()
         self.on_commit: Callable[[], None] | None = None  # called in the writer thread
         self.has_file: Callable[[str, int], bool] | None = None  # see `files.add_references`
         self.shared = url is not None  # other processes may write too
@@ -84,8 +88,12 @@ class Database:
         if self._closed:
             raise StoreError("the job database is closed")
         future: Future[T] = Future()
+        begun = time.monotonic()
         self._tasks.put((lambda c: action(c, *args, **kwargs), future))
-        return future.result()
+        try:
+            return future.result()
+        finally:
+            self.measures.writes.observe(time.monotonic() - begun)
 
     def read(
         self, action: Callable[Concatenate[Connection, P], T], *args: P.args, **kwargs: P.kwargs
@@ -103,7 +111,9 @@ class Database:
             try:
                 with self._writer.begin() as connection:
                     connection.info["has_file"] = self.has_file
+                    happened = connection.info["happened"] = Counter()
                     result = action(connection)
+                self.measures.events.update(happened)
                 future.set_result(result)
                 if self.on_commit is not None:
                     self.on_commit()

@@ -18,6 +18,7 @@ def emit(
     c: Connection, kind: str, job_id: str | None = None, sweep_id: str | None = None, **data: Any
 ) -> None:
     """Append one event of a job (name its sweep too, if it has one) or of a sweep."""
+    _count(c, kind, 1, bool(data.get("cached")))
     c.execute(
         sa.insert(event).values(
             time=time.time(),
@@ -67,7 +68,15 @@ def emit_all(
         for job_id, sweep_id, data in about
     ]  # fmt: skip
     if rows:
+        _count(c, kind, len(rows), sum(bool(data.get("cached")) for _, _, data in about))
         c.execute(sa.insert(event), rows)
+
+
+def _count(c: Connection, kind: str, times: int, cached: int) -> None:
+    """Count for `Measures.events`, which gets it if the transaction is committed."""
+    if (happened := c.info.get("happened")) is not None:
+        happened[kind] += times
+        happened["cached"] += cached
 
 
 def read_events(

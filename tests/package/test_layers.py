@@ -33,9 +33,11 @@ ALLOWED_IMPORTS = {
     "alembic": ["jobs/store", "jobs/migrations/"],
     "pysqlite3": ["jobs/store"],
     "sqlite3": ["jobs/store"],
+    "prometheus_client": ["service/metrics.py"],
+    "opentelemetry": ["jobs/tracing.py"],
     "ray": ["jobs/cluster/driver.py"],
 }
-LAZY_LIBRARIES = {"OpenImageIO", "PyOpenColorIO", "trimesh", "matplotlib", "scipy"}
+LAZY_LIBRARIES = {"opentelemetry", "OpenImageIO", "PyOpenColorIO", "trimesh", "matplotlib", "scipy"}
 
 
 def _python_files(*folders: str) -> list[Path]:

@@ -13,6 +13,7 @@ from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.engine import Engine
+from matiere.jobs.engine_gauges import Gauge
 from matiere.jobs.errors import (
     AssetMismatch,
     Busy,
@@ -34,6 +35,7 @@ from matiere.jobs.job import (
     Sweep,
     check_transition,
 )
+from matiere.jobs.measure import Measures
 
 FILES = ("image.png", "image.exr", "report.json", "error.svg")
 MAX_ASSET_BYTES = 100_000  # what the served application of the tests allows
@@ -289,6 +291,15 @@ class FakeEngine(Engine):
         """Be ready unless draining."""
         check = Check(not self.is_draining, "draining" if self.is_draining else "takes work")
         return Readiness(check.ok, {"draining": check, "store": Check(True, "written in 1 ms")})
+
+    @property
+    def measures(self) -> Measures:
+        """Return that nothing was measured."""
+        return Measures()
+
+    def gauge(self) -> Gauge:
+        """Return that nothing is there."""
+        return Gauge({}, [], 0, [], 0, 0, 0, False, False, True, {})
 
     def status(self) -> dict[str, Any]:
         """Return something."""
