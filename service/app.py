@@ -19,8 +19,8 @@ from matiere.jobs.engine import Engine
 from matiere.service import errors
 from matiere.service.broadcast import Broadcaster
 from matiere.service.deps import InFlight
-from matiere.service.openapi import Application
 from matiere.service.metrics import Metrics, MetricsMiddleware, RouteNote
+from matiere.service.openapi import Application
 from matiere.service.page.router import router as page
 from matiere.service.routes import (
     assets,
