@@ -19,6 +19,7 @@ import os
 import queue
 import secrets
 import signal
+import socket
 import sys
 import threading
 import time
@@ -38,6 +39,7 @@ log = logging.getLogger("matiere.jobs.cluster.driver")
 DEPTH = 2  # claims in flight per place of a node: one at work, one waiting
 SURVEY_S = 1.0  # between two looks at the nodes of the cluster
 ASK_AGAIN_S = 60.0  # after which a refused node may have been mended
+CONNECT_S, JOIN_S = 10.0, 45.0  # to reach the address of the cluster; to become part of it
 HUNG_S = 10.0  # without progress for so long, pings are left unanswered
 FORCE_S = 5.0  # after a cancel that a node has not obeyed its worker process is killed,
 FORGET_S = 10.0  # and after so long its claim is taken for cancelled whatever becomes of it
@@ -141,18 +143,27 @@ class Driver:
             path.with_suffix(".tmp").write_text(mark)
             path.with_suffix(".tmp").replace(path)
         probe, _ = self._folder.write([f"probe {mark}".encode()])
+        patience = threading.Timer(JOIN_S, self._cannot_join, [f"no answer within {JOIN_S:g} s"])
+        patience.daemon = True
+        patience.start()
         try:
+            _knock(self._options.address)
             ray.init(address=self._options.address, namespace="matiere", log_to_driver=False,
                      configure_logging=False)  # fmt: skip
         except Exception as error:
-            first = str(error).strip().split("\n")[0]
-            why = f"cannot join the cluster at {self._options.address}: {first}"
-            self._reports.send("nodes", trouble=why)
-            sys.exit(f"the Ray driver {why}")
+            self._cannot_join(str(error).strip().split("\n")[0])
+        patience.cancel()
         signal.signal(signal.SIGTERM, signal.SIG_DFL)  # Ray's would end in order, and slowly
         self._render = ray.remote(max_retries=0)(at_node.render)
         self._examine = ray.remote(max_retries=0)(at_node.examine)
         self._question = (self._post, mark, probe, work)
+
+    def _cannot_join(self, reason: str) -> None:
+        """Say why and end: Ray itself would try for minutes, and answer nothing meanwhile."""
+        why = f"cannot join the cluster at {self._options.address}: {reason}"
+        self._reports.send("nodes", trouble=why)
+        print(f"the Ray driver {why}", file=sys.stderr, flush=True)
+        os._exit(1)
 
     def _survey(self, now: float) -> None:
         """Look which nodes there are; ask new ones, and refused ones from time to time."""
@@ -295,6 +306,13 @@ class Driver:
             return False
         root = Path(locate(Path(self._options.data), assets["root"]))
         return all(_sha256(root / name) == digest for name, digest in assets["pins"].items())
+
+
+def _knock(address: str) -> None:
+    """Raise OSError if nobody listens at `host:port`: Ray itself takes minutes to say so."""
+    host, _, port = address.rpartition(":")
+    if host and port.isdigit():
+        socket.create_connection((host.strip("[]"), int(port)), timeout=CONNECT_S).close()
 
 
 def describe(error: BaseException) -> JsonDict:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.util
+import os
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +15,7 @@ from matiere.jobs import open_engine
 from matiere.jobs.errors import JobsError
 
 SCRIPT = Path(__file__).with_name("ray_scenes.py")
+proved = pytest.mark.skipif("PROVE_RAY" not in os.environ, reason="minutes: ./dev prove ray")
 clusters = pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
 
 
@@ -52,3 +54,32 @@ def test_without_ray_the_message_names_the_extra(
     with pytest.raises(JobsError, match="'local' or 'ray', not 'dask'"):
         open_engine(tmp_path / "data", executor="dask", **FAKE)
     assert not (tmp_path / "data").exists()
+
+
+@proved
+@clusters
+def test_nodes_that_would_render_other_bits_or_read_other_files_are_refused() -> None:
+    facts = run_inside(SCRIPT, "refusals")
+    assert facts["state"] == "succeeded", facts["error"]
+    reasons = sorted(facts["reasons"])
+    assert reasons[:2] == ["", ""], "the good ones"
+    artifacts, folder, files, other = reasons[2:]
+    assert "does not see the artifacts of the service" in artifacts
+    assert folder.startswith("it does not see the folder") and "/assets of" in folder
+    assert other == "it renders other bits than the service: matiere is 'another', not 'fake'"
+    assert files.startswith("it reads other files: ") and "a.txt" in files
+    assert facts["attempts"] == ["void node_refused"], "counted against no film"
+    assert sorted(event["reason"] for event in facts["events"]) == reasons[2:]
+    nothing_is_left(facts)
+
+
+@proved
+@clusters
+def test_a_hung_and_an_absent_cluster_hold_work_up_and_lose_none() -> None:
+    facts = run_inside(SCRIPT, "outage", timeout_s=400)
+    assert "cannot join the cluster at 127.0.0.1:" in facts["stuck"]
+    assert not facts["ready"] and facts["waiting"] == "running"
+    assert facts["state"] == "succeeded"
+    assert facts["report"]["sums"] == facts["expected"]
+    assert set(facts["kills"]) <= {"lost lost", "void lost"}, "counted against no film"
+    nothing_is_left(facts)

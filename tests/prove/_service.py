@@ -10,6 +10,7 @@ import signal
 import subprocess
 import sys
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -51,15 +52,21 @@ class Service:
     """One `matiere serve` process on a free port."""
 
     def __init__(
-        self, data: Path, children: int = 2, threads: int = 1, database_url: str | None = None
+        self,
+        data: Path,
+        children: int | None = 2,
+        threads: int = 1,
+        database_url: str | None = None,
+        options: Mapping[str, str] | None = None,
     ) -> None:
         """Start it (with SQLite, or a PostgreSQL database) and wait until it answers."""
         data.mkdir(parents=True, exist_ok=True)
         command = [sys.executable, "-m", "matiere.service", "serve", "--data", str(data)]
-        command += ["--port", "0", "--children", str(children)]
-        command += ["--threads-per-child", str(threads)]
+        command += ["--port", "0", "--threads-per-child", str(threads)]
+        command += ["--children", str(children)] if children else []
         self.data = data
-        more = {"MATIERE_DATABASE_URL": database_url} if database_url else {}
+        settings = {**(options or {}), **({"database_url": database_url} if database_url else {})}
+        more = {f"MATIERE_{name.upper()}": value for name, value in settings.items()}
         with (data / "serve.out").open("ab") as out:
             self.process = subprocess.Popen(command, stdout=out, stderr=out, env=os.environ | more)
         atexit.register(self.process.kill)  # also when the line fails half-way

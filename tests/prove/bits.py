@@ -3,7 +3,8 @@
 The same scene is rendered by mt.render with 1 and 2 threads, by jobs with 1x1, 1x2 and 2x1
 processes x threads, and by a service killed with SIGKILL in mid-render and started again; there
 chunks rendered after the restart must equal the chunks that were missing. All of it once more with
-the job store on a PostgreSQL server of its own, where there is one to start.
+the job store on a PostgreSQL server of its own, where there is one to start, and on two Ray nodes,
+where namespaces allow it.
 Results are stored in prove-out/bits.json.
 """
 
@@ -58,6 +59,20 @@ def stores() -> dict[str, Callable[[], str | None]]:
     return {"sqlite": lambda: None, "postgresql": postgres_server.shared_server().database}
 
 
+def on_ray() -> list[dict[str, object]]:
+    """Render on two Ray nodes, where that can be done."""
+    sys.path.insert(0, str(ROOT / "tests" / "support"))
+    import ray_cluster
+
+    if why := ray_cluster.why_not():
+        print(f"no Ray: {why}")
+        return []
+    words = (str(OUT / "bits" / "ray"), str(EDGE), str(SPP), "quiet")
+    script = ROOT / "tests" / "prove" / "_ray.py"
+    facts = ray_cluster.run_inside(script, *words, timeout_s=600)
+    return [{"name": "ray, 2 nodes", **facts}]
+
+
 def main() -> int:
     """Render in every way, compare, print."""
     shutil.rmtree(OUT / "bits", ignore_errors=True)
@@ -74,7 +89,7 @@ def main() -> int:
             name = f"{store}-{children}x{threads}"
             rows.append(by_job(name, children, threads, url=new_url()))
         killed.append(by_job(f"{store}-killed", 2, 1, kill=True, url=new_url()))
-    rows += killed
+    rows += killed + on_ray()
     (OUT / "bits.json").write_text(json.dumps(rows, indent=1))
     for row in rows:
         print(f"{str(row['hash'])[:24]}...  {row['name']}", flush=True)
