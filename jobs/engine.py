@@ -39,6 +39,7 @@ from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.cluster.member import cluster_of
 from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
+from matiere.jobs.engine_differences import EngineDifferences
 from matiere.jobs.engine_gauges import Gauges
 from matiere.jobs.engine_nights import EngineNights
 from matiere.jobs.errors import (
@@ -132,7 +133,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineNights, Feed, Gauges):
+class Engine(Controls, EngineNights, EngineDifferences, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(

@@ -8,7 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from matiere.jobs.errors import Busy
 from matiere.jobs.job import JsonDict
-from matiere.jobs.utility_queue import CHECK, COMPARE, DEVELOP, STABILITY, Question
+from matiere.jobs.utility_queue import (
+    CHECK,
+    COMPARE,
+    DEVELOP,
+    DIFFERENCE,
+    STABILITY,
+    Question,
+)
 
 if TYPE_CHECKING:
     from matiere.jobs.utility_queue import UtilityQueue
@@ -74,6 +81,13 @@ class Questions:
             return {"faults": [gone]}
         try:
             return self._ask(DEVELOP, request)
+        except TimeoutError:
+            raise Busy("the service is at other work (merging films, drawing images)") from None
+
+    def difference(self, request: JsonDict) -> JsonDict:
+        """Have the utility child draw how two films differ: `digest`, `size`, or `faults`."""
+        try:
+            return self._ask(DIFFERENCE, request)
         except TimeoutError:
             raise Busy("the service is at other work (merging films, drawing images)") from None
 

@@ -63,6 +63,17 @@ def compare(request: JsonDict, folder: Artifacts) -> JsonDict:
     return {"report": compare_nights(a, b, Options(**request["options"]))}
 
 
+def make_difference(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
+    """Draw how film b differs from film a, replicate by replicate, and store the picture."""
+    films = []
+    for film in (request["a"], request["b"]):
+        header, stored = open_film(folder, film["film"], film["record"])
+        asked = film | {"scene": _scene(sweeps, film), "assets": sweeps.located(film["assets"])}
+        films.append((stored, header, asked))
+    digest, size = folder.write([work.make_difference(*films)])
+    return {"digest": digest, "size": size}
+
+
 def make_sheet(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Draw the contact sheet of a sweep and store it."""
     with tempfile.TemporaryDirectory(prefix="matiere-") as scratch:

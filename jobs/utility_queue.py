@@ -30,12 +30,15 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("matiere.jobs.utility")
 
-DEVELOP, STABILITY, CHECK, COMPARE, MERGE, IMAGES, NIGHT, SHEET = -2, -1, 0, 1, 2, 3, 4, 5
+DIFFERENCE, DEVELOP, STABILITY, CHECK = -3, -2, -1, 0
+COMPARE, MERGE, IMAGES, NIGHT, SHEET = 1, 2, 3, 4, 5
 NAMES = {
+    DIFFERENCE: "difference",
     DEVELOP: "images", STABILITY: "stability", CHECK: "check", COMPARE: "compare", MERGE: "merge",
     IMAGES: "images", NIGHT: "night", SHEET: "sheet",
 }  # fmt: skip
 WORDS = {
+    DIFFERENCE: "draw a difference",
     DEVELOP: "make its images",
     STABILITY: "check a material",
     CHECK: "read its files",
@@ -48,6 +51,7 @@ WORDS = {
 MAX_TRIES = 3
 SHEET_CELLS = 400  # more than a sheet shows at a glance: the client makes pages of them
 LIMIT_S = {
+    DIFFERENCE: 60.0,
     DEVELOP: 30.0, STABILITY: 5.0, CHECK: 30.0, COMPARE: 600.0, MERGE: 3600.0, IMAGES: 900.0,
     NIGHT: 900.0, SHEET: 900.0,
 }  # fmt: skip
@@ -58,7 +62,7 @@ class Question:
     """A request that somebody waits for.
 
     CHECK: of a scene's files, STABILITY: of a material, COMPARE: of two nights, DEVELOP: of the
-    images of an ended cell.
+    images of an ended cell, DIFFERENCE: of the films of two cells.
 
     The answer has `faults`, a list that is empty when all went well, and what the child reported.
     """
@@ -192,6 +196,7 @@ class UtilityQueue:
         task = self._current[1]
         if body["op"] == "done":
             handler = {
+                DIFFERENCE: self._answered,
                 DEVELOP: self._answered,
                 STABILITY: self._answered,
                 CHECK: self._answered,
@@ -354,6 +359,19 @@ class UtilityQueue:
             if job.state is not wanted or film is None:
                 return None
             return self._film_of(c, job, film)
+
+        return self._scheduler.db.read(read)
+
+    def film_request(self, job: Job) -> JsonDict | None:
+        """Describe the stored film of an ended job; None if it is stored no more."""
+
+        def read(c: Any) -> JsonDict | None:
+            if mine := files.find_reference(c, ("job", job.id), "film"):
+                return self._film_of(c, job, mine)
+            film = films.film_of(c, job.id)
+            prefix = files.find_reference(c, ("film", film), "prefix")
+            record = films.stored_record(c, film)
+            return self._film_of(c, job, prefix) | {"record": record} if prefix else None
 
         return self._scheduler.db.read(read)
 

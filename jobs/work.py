@@ -357,6 +357,21 @@ def _image(film: Film, suffix: str, **options: Any) -> bytes:
         return path.read_bytes()
 
 
+def make_difference(
+    a: tuple[memoryview, JsonDict, JsonDict], b: tuple[memoryview, JsonDict, JsonDict]
+) -> bytes:
+    """Return the PNG of `mt.compare` of two stored films, each as `make_picture` takes one."""
+    from matiere.compare import compare
+    from matiere.imageio import write_image
+
+    found = compare(_film(*a), _film(*b))
+    with tempfile.TemporaryDirectory(prefix="matiere-") as folder:
+        path = Path(folder) / "difference.png"
+        statement = {"matiere:comparison": found.report["statement"]}
+        write_image(path, found.picture(), metadata=statement)
+        return path.read_bytes()
+
+
 def make_sheet(cells: Sequence[Mapping[str, Any]], request: JsonDict) -> bytes:
     """Return the contact sheet of a sweep as PNG bytes."""
     from matiere.jobs.sheet import draw

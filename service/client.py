@@ -402,6 +402,10 @@ class Client(StorageCalls):
             time.sleep(pause)
         raise TimeoutError(f"the contact sheet of {sweep_id} was not drawn in time")
 
+    def fetch_difference(self, sweep_id: str, cell: int, path: str | os.PathLike[str]) -> Path:
+        """Write how a cell of a sweep differs from its baseline, as a PNG."""
+        return self._download(f"/v1/sweeps/{sweep_id}/cells/{cell}/difference.png", Path(path))
+
     def report(self, job_id: str) -> dict[str, Any]:
         """Return the report of a job."""
         report: dict[str, Any] = self._request("GET", f"/v1/jobs/{job_id}/report").json()

@@ -19,6 +19,7 @@ from matiere.service.sweep_output import CELL_FILES, OutputFolder
 from matiere.service.sweep_run import open_client
 from matiere.service.sweep_table import check_parquet, plain_of, texts_of
 
+DIFFERENCE = "difference"  # a kind of file that sweeps with a baseline have
 OF_A_JOB = ("cell", "state", "spp", "seconds", "relmse")  # names beside the axes
 _RANGE = re.compile(r"(\d+)(?:-(\d+))?")
 
@@ -35,7 +36,9 @@ def run_fetch(
     data: Path | None = None,
 ) -> int:
     """Bring the files; return how many cells have none because they did not succeed."""
-    endings = _endings(kinds)
+    differences = DIFFERENCE in kinds
+    plain = [kind for kind in kinds if kind != DIFFERENCE]
+    endings = _endings(plain) if plain or not differences else ()
     conditions = [_condition(text) for text in where]
     wanted = _numbers(cells) if cells else None
     if parquet:
@@ -46,12 +49,17 @@ def run_fetch(
     settings = resolve({"data": data}).settings
     with open_client(url, settings) as (client, _):
         sweep = _sweep(client, folder.sweep_id if folder and folder.sweep_id else what)
+        if sweep is None and differences:
+            why = "a job has no difference image; name its sweep, and the cell with --cells"
+            raise typer.BadParameter(why, param_hint="--kind")
         if sweep is None:
             return _fetch_job(client, what, output or Path(), endings)
         target = _target(folder, output, sweep)
         jobs = list(client.jobs(sweep=sweep.id))
         chosen = choose(sweep, jobs, conditions, wanted)
         _bring(client, target, [j for j in chosen if j.rendered], endings)
+        if differences:
+            _bring_differences(client, target, sweep, [j for j in chosen if j.rendered])
         for path in target.finish(client, sweep, jobs, parquet=parquet):
             typer.echo(f"wrote {path}")
     bad = [job for job in chosen if not job.rendered]
@@ -99,6 +107,18 @@ def _bring(
             if not folder.has(job, endings):
                 folder.fetch(client, job, endings)
             show(number, len(jobs), f"{number}/{len(jobs)} cells")
+
+
+def _bring_differences(
+    client: Client, folder: OutputFolder, sweep: SweepStatus, jobs: Sequence[JobStatus]
+) -> None:
+    if sweep.baseline is None:
+        raise typer.BadParameter("this sweep has no baseline", param_hint="--kind")
+    others = [job for job in jobs if job.cell != sweep.baseline]
+    with live("differences") as show:
+        for number, job in enumerate(others, 1):
+            folder.fetch_difference(client, job)
+            show(number, len(others), f"{number}/{len(others)} cells")
 
 
 def _sweep(client: Client, name: str) -> SweepStatus | None:

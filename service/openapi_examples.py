@@ -136,6 +136,7 @@ BODIES: dict[str, dict[str, Any]] = {
 PARAMETERS: dict[str, Any] = {
     "job_id": JOB,
     "sweep_id": SWEEP,
+    "cell": 3,
     "sha256": DIGEST,
     "page": 0,
     "Idempotency-Key": "ball-1",

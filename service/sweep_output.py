@@ -35,6 +35,7 @@ CELL_FILES = {
     ".json": "report.json",
     ".svg": "error.svg",
 }
+DIFFERENCE = ".difference.png"  # from the baseline; only when asked for
 KEPT = ("log", "image", "kernel", "seeds", "adaptive")  # of a report
 PERIOD_S = 1.0  # between two writings of the state file
 _OURS = re.compile(r"(cells/)?[A-Za-z0-9+_-][A-Za-z0-9.+_-]*")  # what we may remove again
@@ -111,7 +112,9 @@ class OutputFolder:
                 client.fetch(job.id, kind, self.folder / name)
                 self._note(name)
         if not same:  # files of an older job of this cell are none of it
-            for name in set(self.names(job)) - set(self.names(job, endings)):
+            for name in set(self.names(job, (*CELL_FILES, DIFFERENCE))) - set(
+                self.names(job, endings)
+            ):
                 (self.folder / name).unlink(missing_ok=True)
                 self._files.pop(name, None)
         self._fetched[str(job.cell)] = job.id
@@ -119,11 +122,21 @@ class OutputFolder:
             self.save_state()
             self._saved = time.monotonic()
 
+    def fetch_difference(self, client: Client, job: JobStatus) -> None:
+        """Write how a cell differs from the baseline, if that is not here yet."""
+        (name,) = self.names(job, (DIFFERENCE,))
+        if self._fetched.get(str(job.cell)) != job.id:
+            self.fetch(client, job, ())
+        if not (self.folder / name).exists():
+            client.fetch_difference(self.sweep_id or "", job.cell or 0, self.folder / name)
+            self._note(name)
+
     def here(self, job: JobStatus) -> dict[str, str]:
         """Return the cell's files that are here: ending -> name relative to the folder."""
         if self._fetched.get(str(job.cell)) != job.id:
             return {}
-        named = zip(CELL_FILES, self.names(job), strict=True)
+        endings = (*CELL_FILES, DIFFERENCE)
+        named = zip(endings, self.names(job, endings), strict=True)
         return {ending: name for ending, name in named if (self.folder / name).exists()}
 
     def finish(

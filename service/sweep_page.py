@@ -223,6 +223,7 @@ def _table(page: Page, rows: Sequence[Row]) -> str:
     axes = [key for key in (rows[0] if rows else {}) if key not in FIXED]
     stable = any(row["stability"] for row in rows)
     compared = any(row["versus_baseline"] is not None for row in rows)
+    compared |= any(".difference.png" in mine for mine in page.files.values())
     heads = ["<th data-fixed>image</th>" if page.files else "", '<th class="n">cell</th>']
     numeric = {axis: all(_is_number(row[axis]) for row in rows) for axis in axes}
     heads += [f"<th{_n(numeric[axis])}>{escape(axis)}</th>" for axis in axes]
@@ -269,7 +270,7 @@ def _row(
               _cell(row["seconds"]), _cell(row["spp"])]  # fmt: skip
     compared, stable = more
     if compared:
-        cells.append(_versus(row))
+        cells.append(_versus(row, files.get(".difference.png")))
     if stable:
         cells.append(f"<td>{escape(row['stability'] or '')}</td>")
     links = " ".join(f'<a href="{quote(name)}">{ending[1:]}</a>' for ending, name in files.items())
@@ -278,14 +279,19 @@ def _row(
     return f"<tr{mark}>{''.join(cells)}</tr>"
 
 
-def _versus(row: Row) -> str:
+def _versus(row: Row, picture: str | None) -> str:
     """Return the change against the baseline, bold if its interval leaves out no change."""
+    shown = ""
+    if picture:
+        name = quote(picture)
+        alt = "difference from the baseline"
+        shown = f'<a href="{name}"><img src="{name}" alt="{alt}" loading="lazy"></a>'
     change, low, high = (row[f"versus_baseline{end}"] for end in ("", "_low", "_high"))
     if change is None:
-        return "<td></td>"
+        return f"<td>{shown}</td>"
     text = f"{change:+.3g} % &plusmn; {(high - low) / 2:.2g}"
     text = f"<b>{text}</b>" if low > 0 or high < 0 else text
-    return f'<td class="n" data-v="{change!r}">{text}</td>'
+    return f'<td class="n" data-v="{change!r}">{shown}{text}</td>'
 
 
 def _cell(value: Any, numeric: bool = True) -> str:

@@ -25,6 +25,10 @@ SHOWN = 480  # pixels the longer edge is enlarged to at least
 MARGIN, BAR, TOP, BOTTOM, RIGHT = 24, 22, 86, 24, 132
 QUANTILE = 0.995  # of |difference| at the ends of the bar: a few specks do not hide the rest
 BLACK = (0.0, 0.0, 0.0)
+# Pixels within so many standard errors of no change (about 95 % for one pixel; channels are taken
+# to err alike, so the luminance errs at most so much) are drawn nearly grey.
+NOISE_SE, GREY = 2.0, 0.6
+NOTE = "greyed: within 2 standard errors (95 % for one pixel)"
 
 
 def colours(values: NDArray[np.float64]) -> Picture:
@@ -43,7 +47,10 @@ def draw(found: Comparison) -> Picture:
     light = found.difference @ LUMINANCE
     limit = _limit(light)
     scale = max(1, -(-SHOWN // max(light.shape)))
-    image = np.kron(colours(light / limit), np.ones((scale, scale, 1), np.float32))
+    shown = colours(light / limit)
+    noise = np.abs(light) < NOISE_SE * (found.standard_error @ LUMINANCE)
+    shown[noise] = 0.25 * shown[noise] + 0.75 * GREY
+    image = np.kron(shown, np.ones((scale, scale, 1), np.float32))
     tiles = found.report["tiles"]
     differ = [t for t in tiles if t["significant"]]
     _outline(image, differ if len(differ) < len(tiles) else [], scale)
@@ -56,6 +63,7 @@ def draw(found: Comparison) -> Picture:
     page[TOP : TOP + height, left : left + BAR] = ramp
     marks = [
         TextMark((MARGIN, 30), "difference of luminance, b - a", 20, BLACK),
+        TextMark((MARGIN + 330, 30), NOTE, 14, BLACK),
         *(
             TextMark((MARGIN, 52 + 18 * k), line, 14, BLACK)
             for k, line in enumerate(_lines(found.report["statement"], page.shape[1]))

@@ -370,7 +370,7 @@ def commit_merge(c: Connection, merged: Merged) -> bool:
         emit(c, "look", waiting.id, waiting.sweep_id, **facts)
     if merged.ended:
         prefix = merged.prefix or _stored_prefix(c, merged.film_id)
-        record = 0 if merged.prefix else _stored_record(c, merged.film_id)
+        record = 0 if merged.prefix else stored_record(c, merged.film_id)
         for ended in merged.ended:
             end_job(c, ended["job_id"], ended, prefix, record)
     return True
@@ -384,7 +384,8 @@ def _stored_prefix(c: Connection, film_id: int) -> Blob:
     return prefix
 
 
-def _stored_record(c: Connection, film_id: int) -> int:
+def stored_record(c: Connection, film_id: int) -> int:
+    """Return the place of a film in the file of its prefix."""
     return int(c.execute(sa.select(film.c.prefix_record).where(film.c.id == film_id)).scalar_one())
 
 

@@ -72,6 +72,13 @@ def list_jobs(
     return _jobs(c, rows)
 
 
+def cell_of(c: Connection, sweep_id: str, cell: int) -> Job | None:
+    """Return the job of a cell, or None while it has none."""
+    mine = (job.c.sweep_id == sweep_id) & (job.c.cell == cell)
+    found = _jobs(c, sa.select(job, *_FILM).join(film).where(mine))
+    return found[0] if found else None
+
+
 def job_facts(c: Connection, job_id: str) -> JsonDict:
     """Return what making a job's images needs beyond the Job: scene, output, chunk counters.
 

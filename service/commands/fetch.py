@@ -28,7 +28,10 @@ def fetch(
     ] = None,
     kind: Annotated[
         list[str] | None,
-        typer.Option(help="png, exr, json, svg; can be given more than once (default: all)."),
+        typer.Option(
+            help="png, exr, json, svg, or difference (from the baseline of a sweep);"
+            " can be given more than once (default: the first four)."
+        ),
     ] = None,
     parquet: Annotated[bool, typer.Option("--parquet", help="Write table.parquet too.")] = False,
     url: Annotated[

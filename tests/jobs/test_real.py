@@ -19,6 +19,7 @@ import matiere as mt
 from matiere.errors import SceneValidationError
 from matiere.imageio import read_image, write_image
 from matiere.jobs import open_engine
+from matiere.jobs.errors import JobNotFound
 
 SCENE: dict[str, Any] = {
     "version": 1,
@@ -251,3 +252,29 @@ def test_a_film_of_unknown_error_still_gets_all_its_files(tmp_path: Path) -> Non
         assert "no look" in Path(engine.artifact(job.id, "error.svg").path).read_text()
         sweep = engine.submit_sweep(scene, AXES[:1])
         assert engine.wait_sweep(sweep.id, 60).artifacts == ("contact-sheet.png",)
+
+
+def test_a_sweep_with_a_baseline_has_difference_images(tmp_path: Path) -> None:
+    base = SCENE | {"film": {"width": 24, "height": 20}}
+    with open_engine(tmp_path, children=2, **OPTIONS) as engine:
+        sweep = engine.wait_sweep(engine.submit_sweep(base, AXES, baseline=1).id, 120)
+        made = engine.difference(sweep.id, 3)
+        assert engine.difference(sweep.id, 3) == made
+        shown = read_image(made.path).pixels[..., :3]
+        assert shown.shape[1] >= 480 and shown.std() > 0.01
+        films = [
+            mt.render(mt.load(base | {"materials": base["materials"] | {"ball": ball}}), threads=2)
+            for ball in (
+                {"type": "conductor", "metal": metal, "alpha": alpha}
+                for alpha, metal in ((0.05, "Cu"), (0.2, "Cu"))
+            )
+        ]
+        mt.compare(*films).save(tmp_path / "alone")
+        alone = read_image(tmp_path / "alone" / "difference.png").pixels[..., :3]
+        assert np.array_equal(shown, alone)
+        for cell in (1, 6, -1):
+            with pytest.raises(JobNotFound):
+                engine.difference(sweep.id, cell)
+        other = engine.wait_sweep(engine.submit_sweep(base, AXES).id, 120)
+        with pytest.raises(JobNotFound, match="no baseline"):
+            engine.difference(other.id, 3)

@@ -280,6 +280,15 @@ class FakeEngine(Engine):
             raise NotReadyYet("not yet")
         return self._file(kind, f"{kind} of {sweep_id}")
 
+    def difference(self, sweep_id: str, cell: int) -> Artifact:
+        """Return the difference image of a cell from the baseline."""
+        sweep = self.get_sweep(sweep_id)
+        if sweep.baseline is None or not 0 <= cell < sweep.cells or cell == sweep.baseline:
+            raise JobNotFound("no difference")
+        if not sweep.done:
+            raise NotReadyYet("not yet")
+        return self._file("difference.png", f"difference of {cell}")
+
     def _file(self, kind: str, text: str) -> Artifact:
         content = text.encode()
         path = self.data_dir / f"served-{kind}"

@@ -10,6 +10,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
 
+import httpx
 import numpy as np
 import pytest
 from fake_engine import FakeEngine
@@ -248,6 +249,31 @@ def test_fetch_brings_some_cells_of_a_sweep_that_brought_none(
     job_id = next(iter(engine.jobs))
     code, said, err = run(capsys, "fetch", job_id, "-o", other, "--kind", "png", "--url", url)
     assert code == 0 and (other / f"{job_id}.png").exists(), err
+
+
+def test_differences_from_the_baseline_are_fetched_and_shown(
+    capsys: pytest.CaptureFixture[str], engine: FakeEngine, url: str, sweep_file: Path
+) -> None:
+    finish_soon(engine)
+    out = sweep_file.parent / "out"
+    code, _, err = run(capsys, "sweep", sweep_file, "-o", out, "--fetch", "none", "--url", url)
+    assert code == 0, err
+    code, _, err = run(capsys, "fetch", out, "--kind", "difference", "--url", url)
+    assert code == 0, err
+    names = ["0000_0.1.difference.png", "0002_0.3.difference.png"]  # cell 1 is the baseline
+    assert sorted(p.name for p in (out / "cells").iterdir()) == names
+    assert (out / "cells" / names[1]).read_text() == "difference of 2"
+    page = (out / "index.html").read_text()
+    assert all(f'<img src="cells/{name}"' in page for name in names)
+    sweep_id = next(iter(engine.sweeps))
+    url_of = f"{url}/v1/sweeps/{sweep_id}/cells/{{}}/difference.png"
+    assert httpx.get(url_of.format(0)).headers["content-type"] == "image/png"
+    for cell in (1, 3):
+        answer = httpx.get(url_of.format(cell))
+        assert (answer.status_code, answer.json()["code"]) == (404, "artifact_not_found")
+    job_id = next(iter(engine.jobs))
+    code, _, err = run(capsys, "fetch", job_id, "--kind", "difference", "--url", url)
+    assert code == 2 and "name its sweep" in err
 
 
 @pytest.mark.parametrize(
