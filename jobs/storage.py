@@ -148,6 +148,8 @@ class Storage:
             found.sweeps += gone
         while self._db.write(events.prune, self.rules.events_kept, EVENT_SLICE):
             pass
+        while self._db.write(garbage.remove_past_work, old, SLICE):
+            pass
         for film in self._beyond_limit():
             if self._db.write(garbage.evict_films, [film.id]):
                 found.films += 1

@@ -28,6 +28,7 @@ from matiere.jobs.store.tables import (
     event,
     film,
     idempotency,
+    instance,
     job,
     job_history,
     reference,
@@ -195,6 +196,27 @@ def remove_empty_films(c: Connection, limit: int) -> int:
         drop_references(c, "film", [str(film_id) for film_id in found])
         c.execute(sa.delete(film).where(film.c.id.in_(found)))
     return len(found)
+
+
+# -- rows of past work ----------------------------------------------------------------------------
+def remove_past_work(c: Connection, before: float, limit: int) -> int:
+    """Drop rows of claims and of processes that ended before a moment; return how many.
+
+    A claim whose chunks or file are still there stays, and so does a process whose claim does; and
+    the newest claim, so that no token is ever used again.
+    """
+    newest = sa.select(sa.func.max(attempt.c.id)).scalar_subquery()
+    holds = sa.exists().where(chunk.c.token == attempt.c.id)
+    named = sa.exists().where(
+        reference.c.owner == "attempt", reference.c.owner_id == sa.cast(attempt.c.id, sa.String)
+    )
+    over = (attempt.c.ended < before) & attempt.c.state.not_in(("running", "done"))
+    old = sa.select(attempt.c.id).where(over, ~holds, ~named, attempt.c.id < newest).limit(limit)
+    gone = c.execute(sa.delete(attempt).where(attempt.c.id.in_(old))).rowcount
+    needed = sa.exists().where(attempt.c.instance_id == instance.c.id)
+    past = sa.select(instance.c.id).where(instance.c.ended < before, ~needed).limit(limit)
+    rows = c.execute(sa.delete(instance).where(instance.c.id.in_(past))).rowcount
+    return int(gone + rows)
 
 
 # -- files ------------------------------------------------------------------------------------

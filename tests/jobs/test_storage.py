@@ -146,6 +146,39 @@ def test_films_go_in_the_order_of_their_last_use(tmp_path: Path, store: str) -> 
     shelf.close()
 
 
+def test_rows_of_past_work_go_and_no_token_comes_twice(shelf: Shelf) -> None:
+    def count() -> list[int]:
+        tables_of = (tables.attempt, tables.instance)
+        wanted = [sa.select(sa.func.count()).select_from(table) for table in tables_of]
+        return shelf.db.read(lambda c: [int(c.scalar(one) or 0) for one in wanted])
+
+    job_id = shelf.submit(1)
+    film_id = shelf.db.read(lambda c: films.film_of(c, job_id))
+
+    def claim(chunk: int, instance: str = "first") -> int:
+        wanted = films.Claim(film_id, [chunk], instance, 1, 30.0)
+        token = shelf.db.write(lambda c: films.claim(c, wanted))
+        assert token is not None
+        return token
+
+    lost = claim(0)
+    shelf.db.write(lambda c: films.give_back(c, films.Loss(lost, film_id, "failed")))
+    kept = claim(0)
+    report = films.Report(kept, film_id, shelf.blob("chunk"), 1.0, 64)
+    assert shelf.db.write(lambda c: films.complete(c, report))
+    gone = claim(1)
+    shelf.db.write(lambda c: films.give_back(c, films.Loss(gone, film_id, "lost")))
+    shelf.db.write(lambda c: films.void_dead(c, "second", 2))
+    newest = claim(1, "second")
+    shelf.db.write(lambda c: films.give_back(c, films.Loss(newest, film_id, "lost")))
+    shelf.storage.collect()
+    assert count() == [4, 2]  # too young
+    shelf.now += 31 * DAY_S
+    shelf.storage.collect()
+    assert count() == [2, 2]  # one holds a chunk that is not merged, one is the newest
+    assert claim(2, "second") > newest
+
+
 def test_a_file_nobody_names_is_spared_for_a_day(shelf: Shelf) -> None:
     job_id = shelf.done(1)
     shelf.db.write(lambda c: files.drop_reference(c, ("job", job_id)))
