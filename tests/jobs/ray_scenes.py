@@ -94,9 +94,21 @@ def kill_driver(engine: Engine, cluster: Cluster) -> None:
     wait_until(lambda: engine.status()["counters"].get("children_lost", 0) > lost)
 
 
+def cells(engine: Engine) -> list[str]:
+    """Return the sums of the cells of a sweep of small films, rendered whole."""
+    axes = [{"pointer": "/value", "values": [1.0 + n for n in range(8)], "label": "v"}]
+    base = {"width": 8, "height": 8, "value": 1.0, "render": {"spp": 8}}
+    sweep = engine.wait_sweep(engine.submit_sweep(base, axes).id, 90)
+    assert sweep.counts["succeeded"] == 8, sweep.counts
+    jobs = sorted(engine.list_jobs(sweep_id=sweep.id), key=lambda job: job.cell or 0)
+    return [str(report_of(engine, job.id)["sums"]) for job in jobs]
+
+
 def kills(cluster: Cluster) -> Facts:
     """The acceptance with numpy chunks: kills, a poisoned film, a cancel, nothing left over."""
     facts: Facts = {"ports": ray_cluster.wildcard_ports(), "expected": quiet(LONG)}
+    with open_engine(HERE / "quiet", children=1, **FAKE) as engine:
+        facts["cells_expected"] = cells(engine)
     with opened(cluster) as engine:
         ready(engine, 2)
         job = engine.submit_job(LONG)
@@ -104,6 +116,7 @@ def kills(cluster: Cluster) -> Facts:
         job = engine.wait_job(job.id, 90)
         facts |= {"state": job.state.value, "spp": job.spp, "report": report_of(engine, job.id)}
         facts |= {"kills": attempts(engine), "started": engine.status()["counters"]}
+        facts["cells"] = cells(engine)
         bad = SCENE | {"value": 2.0, "misdeed": {"kind": "SIGSEGV", "chunk": 1}}
         error = engine.wait_job(engine.submit_job(bad).id, 60).error
         facts["poison"] = [error.code, error.message] if error else None
@@ -114,7 +127,6 @@ def kills(cluster: Cluster) -> Facts:
         engine.cancel_job(slow.id)
         wait_until(lambda: claims(engine) == 0, 30)
         facts["cancel_s"] = time.monotonic() - begin
-        facts["children_kept"] = len(pids(CHILD)) > 1
         facts["events"] = [[e.kind, e.data] for e in engine.events(0) if e.kind[:5] == "node_"]
     return facts
 

@@ -37,10 +37,10 @@ def test_killed_drivers_and_a_killed_node_change_no_bit_and_count_as_nobodys_fau
     assert not [kill for kill in facts["kills"] if kill.startswith("failed")], facts["kills"]
     assert facts["at_kills"] == ["running"] * 4
     assert facts["started"]["children_lost"] == 3
+    assert facts["cells"] == facts["cells_expected"] and len(set(facts["cells"])) == 8
     kind, words = facts["poison"]
     assert kind == "signal" and "after 3 attempts" in words and "SIGSEGV (on node " in words
-    assert facts["cancel_s"] < 5.0
-    assert facts["children_kept"], "the cancel was obeyed: no render child had to be killed"
+    assert facts["cancel_s"] < 30.0, "it stopped in the middle of a chunk of 60 s"
     assert {kind for kind, _ in facts["events"]} == {"node_ready", "node_gone"}
     nothing_is_left(facts)
 
