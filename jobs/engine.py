@@ -64,6 +64,7 @@ from matiere.jobs.job import (
     Readiness,
     Sweep,
 )
+from matiere.jobs.recent import Recent
 from matiere.jobs.rules import Rules
 from matiere.jobs.scheduler import Scheduler
 from matiere.jobs.slots import Options
@@ -145,6 +146,7 @@ class Engine(Controls, EngineNights, EngineDifferences, Feed, Gauges):
         self._data, self._db = data, database
         self._closed = False
         self._follow()
+        self._recent: Recent[Job] = Recent(None if database.shared else lambda: self._version)
         module = importlib.import_module(options.work)
         self._db.on_commit = self._notify
         term = Term(database)
@@ -301,7 +303,7 @@ class Engine(Controls, EngineNights, EngineDifferences, Feed, Gauges):
 
     def get_job(self, job_id: str) -> Job:
         """Return a job. Raises `JobNotFound`."""
-        return self._db.read(lambda c: views.get_job(c, job_id))
+        return self._recent.get(job_id, lambda: self._db.read(views.get_job, job_id))
 
     def job_scene(self, job_id: str) -> JsonDict | None:
         """Return the scene that a job renders, without its stop rule; None where it is not kept."""

@@ -160,6 +160,7 @@ class Storage:
         while self._db.write(lambda c: garbage.mark_unnamed(c, unnamed, SLICE)):
             pass
         self.unlink()
+        self._db.compact()
         if found.anything:
             log.info("collected %s", asdict(found))
         return found

@@ -71,7 +71,7 @@ def in_flight_of(request: Request) -> InFlight:
     return cast(InFlight, request.app.state.in_flight)
 
 
-def idempotency_key(
+async def idempotency_key(
     key: Annotated[
         str | None,
         Header(
@@ -92,9 +92,22 @@ def idempotency_key(
     return key
 
 
-EngineDep = Annotated[Engine, Depends(engine_of)]
-SettingsDep = Annotated[Settings, Depends(settings_of)]
-InFlightDep = Annotated[InFlight, Depends(in_flight_of)]
+# Coroutines: each plain function would cost a request one more turn in the pool of threads.
+async def _engine(request: Request) -> Engine:
+    return engine_of(request)
+
+
+async def _settings(request: Request) -> Settings:
+    return settings_of(request)
+
+
+async def _in_flight(request: Request) -> InFlight:
+    return in_flight_of(request)
+
+
+EngineDep = Annotated[Engine, Depends(_engine)]
+SettingsDep = Annotated[Settings, Depends(_settings)]
+InFlightDep = Annotated[InFlight, Depends(_in_flight)]
 KeyDep = Annotated[str | None, Depends(idempotency_key)]
 
 

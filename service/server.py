@@ -15,6 +15,7 @@ import logging
 import os
 import signal
 import socket
+import sys
 import tempfile
 import threading
 import time
@@ -35,6 +36,7 @@ from matiere.service.settings import Settings
 LISTEN_BACKLOG = 512
 KEEP_ALIVE_S = 30
 STALL_S = 60.0
+SWITCH_S = 0.001  # a handler gives way at every question to the store, and waits for its turn
 START_TIMEOUT_S = 20.0
 
 log = logging.getLogger("matiere.service")
@@ -130,6 +132,7 @@ class BackgroundServer:
         self._failure: BaseException | None = None
 
     def _run(self) -> None:
+        sys.setswitchinterval(SWITCH_S)
         try:
             self._server.run(sockets=[self._sock])
         except BaseException as error:

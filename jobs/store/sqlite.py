@@ -23,6 +23,7 @@ log = logging.getLogger("matiere.jobs.store")
 SAFE_SQLITE = (3, 51, 3)
 READ_CONNECTIONS = 8
 BUSY_TIMEOUT_MS = 10_000
+COMPACT_PAGES = 32
 BACKUP_PAGES = 1000  # copied at a time; writers go on between
 NETWORK_FILE_SYSTEMS = {"nfs", "nfs4", "cifs", "smb3", "smbfs", "9p", "afs", "ceph", "fuse.sshfs"}
 
@@ -88,6 +89,21 @@ def check_sqlite(connection: Connection, path: Path | None) -> None:
     found = connection.exec_driver_sql("PRAGMA quick_check(3)").scalars().all()
     if found != ["ok"]:
         raise StoreError(f"{path} is damaged: {'; '.join(map(str, found))}")
+
+
+def worth_compacting(connection: Connection) -> bool:
+    """Tell whether a quarter of the file, and not just a few pages, is free."""
+    free = int(connection.exec_driver_sql("PRAGMA freelist_count").scalar_one())
+    pages = int(connection.exec_driver_sql("PRAGMA page_count").scalar_one())
+    return free >= COMPACT_PAGES and 4 * free >= pages
+
+
+def vacuum(writer: Engine) -> None:
+    """Write the file anew without its free pages, and empty its log."""
+    with writer.connect() as connection:
+        raw: Any = connection.connection.driver_connection
+        raw.execute("VACUUM")
+        raw.execute("PRAGMA wal_checkpoint(TRUNCATE)")
 
 
 def backup_sqlite(source: Path, target: Path) -> None:
