@@ -41,15 +41,17 @@ def tree(folder: Path) -> tuple[int, int]:
     return len(sizes), sum(sizes)
 
 
-def slope(points: list[tuple[int, float, float]], warm_s: float) -> dict[str, float]:
+def slope(
+    points: list[tuple[int, float, float]], warm_s: float, bin_s: float = 10.0
+) -> dict[str, float]:
     """Fit value = height of its life + slope * seconds; return slope and its 99 % interval.
 
-    Samples of a second are not independent: the interval is that of means over 10 s.
+    Samples of a second are not independent: the interval is that of means over `bin_s`.
     """
     bins: dict[tuple[int, int], list[tuple[float, float]]] = {}
     for life, at, value in points:
         if at > warm_s:
-            bins.setdefault((life, int(at // 10)), []).append((at, value))
+            bins.setdefault((life, int(at // bin_s)), []).append((at, value))
     lives = sorted({life for life, _ in bins})
     rows = [(life, *np.mean(found, axis=0)) for (life, _), found in sorted(bins.items())]
     matrix = np.array([[at, *(float(life == one) for one in lives)] for life, at, _ in rows])
@@ -139,7 +141,7 @@ class Soak:
             looked = 0.0
             while time.monotonic() < until:
                 self.step()
-                if time.monotonic() - looked > 1.0:
+                if time.monotonic() - looked > min(1.0, seconds / LIVES / 20):
                     looked = time.monotonic()
                     self.sample()
                 time.sleep(0.1)
@@ -177,11 +179,11 @@ def measure(seconds: float, seed: int, data: Path) -> dict[str, Any]:
     soak.run(seconds)
     peak = (data / "store.sqlite").stat().st_size
     remove_all(soak)
-    warm_s = min(60.0, seconds / LIVES / 3)
+    warm_s, bin_s = min(60.0, seconds / LIVES / 3), min(10.0, seconds / LIVES / 8)
     after = (data / "store.sqlite").stat().st_size
     return {
         "seconds": seconds, "seed": seed, "lives": soak.life, "done": soak.done,
-        "rss_bytes": slope(soak.rss, warm_s), "fds": slope(soak.fds, warm_s),
+        "rss_bytes": slope(soak.rss, warm_s, bin_s), "fds": slope(soak.fds, warm_s, bin_s),
         "artifacts": {"before": files, "after": tree(data / "artifacts")},
         "store_bytes": {"before": store, "peak": peak, "after": after},
     }  # fmt: skip
