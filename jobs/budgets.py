@@ -96,6 +96,10 @@ class Budgets:
         """Tell whether a report of a film changes what a budget has left, or the order."""
         return film is not None and bool(self._open) and bool(self._of(film, alone=False))
 
+    def first_samples(self, film: FilmWork, most: float) -> float:
+        """Return how many samples a claim may have before anything was measured."""
+        return 0.0 if self._of(film) else most  # one chunk
+
     def claim_s(self, film: FilmWork, most: float) -> float:
         """Return how long a claim may be, given the longest."""
         for shared in self._of(film):
@@ -111,6 +115,8 @@ class Budgets:
         left = self._left_s(shared)
         if shared.budget.closed or left <= 0.0:
             return False
+        if not self._sample_s(film):  # one chunk tells what a sample costs
+            return not any(shared in self._of(f, alone=False) for f, _ in self._given())
         samples, begun = film.next_range()
         slack = SLACK * shared.budget.seconds if begun else 0.0
         return samples * self._sample_s(film) <= left + slack
@@ -125,13 +131,15 @@ class Budgets:
 
     def _left_s(self, shared: Shared) -> float:
         """Return the seconds that are neither spent nor given out."""
-        s, given = self._scheduler, 0.0
-        for slot in s.slots:
-            for held in slot.child.inflight.values() if slot.child else ():
-                film = s.films.get(held.film_id)
-                if film is not None and shared in self._of(film, alone=False):
-                    given += held.samples * self._sample_s(film)
+        mine = [(f, n) for f, n in self._given() if shared in self._of(f, alone=False)]
+        given = sum(samples * self._sample_s(film) for film, samples in mine)
         return shared.budget.seconds - shared.budget.spent_s - given
+
+    def _given(self) -> list[tuple[FilmWork, int]]:
+        """Return the films that children hold, each with how many samples of it."""
+        s = self._scheduler
+        claims = [h for slot in s.slots if slot.child for h in slot.child.inflight.values()]
+        return [(s.films[h.film_id], h.samples) for h in claims if h.film_id in s.films]
 
     # -- the end ----------------------------------------------------------------------------------
     def _at_work(self, film: FilmWork) -> bool:

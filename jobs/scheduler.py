@@ -536,7 +536,8 @@ class Scheduler(Questions, threading.Thread):
 
     def _claim(self, child: Child, film: FilmWork, now: float) -> None:
         rate = self.rates.get(film.row.geometry_key)
-        aim = FIRST_CLAIM_SAMPLES if rate is None else rate * self._claim_seconds(film)
+        aim = self.budgets.first_samples(film, FIRST_CLAIM_SAMPLES)
+        aim = aim if rate is None else rate * self._claim_seconds(film)
         left = film.horizon() - film.prefix_chunks - len(film.done) - len(film.claimed)
         most = MOST_CHUNKS
         if sum(1 for f in self.films.values() if f.available()) <= 1:  # share the tail

@@ -175,6 +175,13 @@ def test_a_budget_too_small_for_any_sample_marks_every_cell(engine: Engine) -> N
     assert sweep.done and sweep.counts["unfinished"] == 6
 
 
+def test_one_chunk_tells_what_samples_cost_before_more_are_given_out(engine: Engine) -> None:
+    sweep = run(engine, 0.3, 0.05, chunk_s=0.2, width=64, height=64)  # a range: 6.4 s
+    assert sweep.done and sweep.counts["unfinished"] == 6
+    assert sweep.budget.spent_s <= 0.3
+    assert {job.spp for job in engine.list_jobs(sweep_id=sweep.id)} == {0}
+
+
 @pytest.mark.slow
 def test_cells_beyond_the_first_slice_get_their_turn(engine: Engine) -> None:
     axes = [{"pointer": "/value", "linspace": [1.0, 2.0, 262]}]
