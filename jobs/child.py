@@ -2,8 +2,8 @@
 
 A render child renders claims; the utility child is the same program asked other verbs. It never
 opens the database. It ends at once when its control pipe closes, so a killed service leaves no
-orphan. Requests: `{"op": "render"|"batch"|"expand"|"check"|"stability"|"merge"|"images"|"sheet",
-"token": n, ...}`, `{"op": "cancel"|"ping", ...}`; reports:
+orphan. Requests: `{"op": "render"|"batch"|"expand"|"check"|"stability"|"merge"|"images"|"sheet"|
+"draw", "token": n, ...}`, `{"op": "cancel"|"ping", ...}`; reports:
 `{"op": "hello"|"pong"|"reading"|"begun"|"done"|"failed"|"cancelled", "token": n, ...}`. While it is
 `reading` files a cancel cannot stop it: the service kills it then.
 """
@@ -144,7 +144,7 @@ class Child:
                 self._cancelled.discard(token)
 
     def _answer(self, request: JsonDict, flag: Any) -> JsonDict | None:
-        from matiere.jobs import merge, rendering, utility
+        from matiere.jobs import drawing, merge, rendering, utility
 
         locate_assets(request, self.data)
         if request["op"] == "render":
@@ -168,6 +168,8 @@ class Child:
             return utility.make_images(self.work, self._cells(), request, self.folder)
         if request["op"] == "night":
             return utility.make_night(self.work, request, self.folder)
+        if request["op"] == "draw":
+            return drawing.draw(self.work, self._cells(), request, self.folder)
         if request["op"] == "compare":
             return utility.compare(request, self.folder)
         if request["op"] == "difference":

@@ -42,6 +42,7 @@ from matiere.jobs.datadir import DataDir, is_digest
 from matiere.jobs.engine_differences import EngineDifferences
 from matiere.jobs.engine_gauges import Gauges
 from matiere.jobs.engine_nights import EngineNights
+from matiere.jobs.engine_pictures import BREAKDOWNS, Album, EnginePictures
 from matiere.jobs.errors import (
     AssetMismatch,
     Busy,
@@ -77,10 +78,6 @@ from matiere.jobs.term import Term
 log = logging.getLogger("matiere.jobs.engine")
 DEFAULT_WORK = "matiere.jobs.work"
 MIN_FREE_BYTES = 2 * 10**9
-# What a child reports of itself, not of the request.
-BREAKDOWNS = (
-    "lost", "signal", "python_error", "out_of_memory", "memory_limit", "unresponsive", "disk_full",
-)  # fmt: skip
 MEMORY_SHARE = 8  # merging holds a film up to three times
 
 
@@ -134,7 +131,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineNights, EngineDifferences, Feed, Gauges):
+class Engine(Controls, EngineNights, EngineDifferences, EnginePictures, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(
@@ -147,6 +144,7 @@ class Engine(Controls, EngineNights, EngineDifferences, Feed, Gauges):
         self._closed = False
         self._follow()
         self._recent: Recent[Job] = Recent(None if database.shared else lambda: self._version)
+        self._album = Album()
         module = importlib.import_module(options.work)
         self._db.on_commit = self._notify
         term = Term(database)

@@ -10,7 +10,7 @@ MatiereError (matiere.errors)
    +- DataDirLocked        data_dir_locked      another process owns the data directory
    +- StoreError           store_error          the database refuses or is newer than us
    |  +- DiskFull          disk_full            no space for the database or an artifact
-   +- Busy                 too_many_checks      no time for a material check now
+   +- Busy                 too_many_checks      no time for a check or a picture now
    +- Draining             draining             the engine is stopping and takes no new work
    +- IllegalTransition    illegal_transition   a state change outside the table in `job.py`
 """
@@ -85,7 +85,7 @@ class DiskFull(StoreError):
 
 
 class Busy(JobsError):
-    """The utility process has no time for a material check now."""
+    """The utility process has no time for a material check or a picture now."""
 
     default_code = "too_many_checks"
 

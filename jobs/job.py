@@ -166,6 +166,7 @@ ARTIFACT_MEDIA_TYPES: Mapping[str, tuple[str, str]] = {
     # kind -> (media type, file name ending)
     "image.png": ("image/png", ".png"),
     "image.exr": ("image/x-exr", ".exr"),
+    "thumbnail.jpg": ("image/jpeg", ".jpg"),
     "report.json": ("application/json", ".json"),
     "error.svg": ("image/svg+xml", ".svg"),
     "contact-sheet.png": ("image/png", ".png"),
@@ -175,7 +176,8 @@ ARTIFACT_MEDIA_TYPES: Mapping[str, tuple[str, str]] = {
     "film": ("application/octet-stream", ".film"),
 }
 
-IMAGES = ("error.svg", "image.exr", "image.png", "report.json")  # what a film is developed to
+# what a film is developed to
+IMAGES = ("error.svg", "image.exr", "image.png", "report.json", "thumbnail.jpg")
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ from matiere.jobs.utility_queue import (
     COMPARE,
     DEVELOP,
     DIFFERENCE,
+    DRAW,
     STABILITY,
     Question,
 )
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 
 CHECK_S = 10.0  # whoever asks the utility child something waits so long
 COMPARE_S = 120.0  # and for a comparison of nights
+PICTURES = 8  # that wait at a time
+DRAW_S = 8.0  # and for a picture, with the wait for those before it
 
 
 class Questions:
@@ -31,6 +34,7 @@ class Questions:
     utility: UtilityQueue
     _examining: threading.Lock
     _comparing: threading.Lock
+    _drawing: threading.BoundedSemaphore
 
     def check_files(self, scene: JsonDict, assets: JsonDict) -> list[JsonDict]:
         """Have the utility child read a scene's files; return the faults it finds.
@@ -90,6 +94,18 @@ class Questions:
             return self._ask(DIFFERENCE, request)
         except TimeoutError:
             raise Busy("the service is at other work (merging films, drawing images)") from None
+
+    def draw(self, request: JsonDict) -> JsonDict:
+        """Have the utility child draw a picture (`drawing`); raises Busy when it has no time."""
+        if not self._drawing.acquire(blocking=False):
+            raise Busy("the service is drawing other pictures", code="too_many_pictures")
+        try:
+            return self._ask(DRAW, request, DRAW_S)
+        except TimeoutError:
+            why = "the service is at other work (merging films, drawing images)"
+            raise Busy(why, code="too_many_pictures") from None
+        finally:
+            self._drawing.release()
 
     def _ask(self, kind: int, request: JsonDict, patience_s: float | None = None) -> JsonDict:
         question = Question(kind, request)

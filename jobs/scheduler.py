@@ -25,7 +25,7 @@ from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import DiskFull, StoreError
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import JobError, JsonDict
-from matiere.jobs.questions import Questions
+from matiere.jobs.questions import PICTURES, Questions
 from matiere.jobs.slots import Health, Held, Options, Slot
 from matiere.jobs.storage import Storage
 from matiere.jobs.store import events, files, films, jobs
@@ -76,6 +76,7 @@ class Scheduler(Questions, threading.Thread):
         self.batching, self.budgets = Batching(self), Budgets(self)
         self._examining = threading.Lock()  # held while a material is checked
         self._comparing = threading.Lock()  # held while nights are compared
+        self._drawing = threading.BoundedSemaphore(PICTURES)
         self._unsaved: list[Message] = []  # reports that met a full disk
         self.rates: dict[str, float] = {}  # geometry key -> samples per second of one child
         self._stopping = False

@@ -30,15 +30,16 @@ if TYPE_CHECKING:
 
 log = logging.getLogger("matiere.jobs.utility")
 
-DIFFERENCE, DEVELOP, STABILITY, CHECK = -3, -2, -1, 0
+DRAW, DIFFERENCE, DEVELOP, STABILITY, CHECK = -4, -3, -2, -1, 0
 COMPARE, MERGE, IMAGES, NIGHT, SHEET = 1, 2, 3, 4, 5
 NAMES = {
-    DIFFERENCE: "difference",
+    DRAW: "draw", DIFFERENCE: "difference",
     DEVELOP: "images", STABILITY: "stability", CHECK: "check", COMPARE: "compare", MERGE: "merge",
     IMAGES: "images", NIGHT: "night", SHEET: "sheet",
 }  # fmt: skip
 WORDS = {
     DIFFERENCE: "draw a difference",
+    DRAW: "draw a picture",
     DEVELOP: "make its images",
     STABILITY: "check a material",
     CHECK: "read its files",
@@ -51,7 +52,7 @@ WORDS = {
 MAX_TRIES = 3
 SHEET_CELLS = 400  # more than a sheet shows at a glance: the client makes pages of them
 LIMIT_S = {
-    DIFFERENCE: 60.0,
+    DRAW: 5.0, DIFFERENCE: 60.0,
     DEVELOP: 30.0, STABILITY: 5.0, CHECK: 30.0, COMPARE: 600.0, MERGE: 3600.0, IMAGES: 900.0,
     NIGHT: 900.0, SHEET: 900.0,
 }  # fmt: skip
@@ -62,7 +63,7 @@ class Question:
     """A request that somebody waits for.
 
     CHECK: of a scene's files, STABILITY: of a material, COMPARE: of two nights, DEVELOP: of the
-    images of an ended cell, DIFFERENCE: of the films of two cells.
+    images of an ended cell, DIFFERENCE: of the films of two cells, DRAW: of a picture (`drawing`).
 
     The answer has `faults`, a list that is empty when all went well, and what the child reported.
     """
@@ -197,6 +198,7 @@ class UtilityQueue:
         if body["op"] == "done":
             handler = {
                 DIFFERENCE: self._answered,
+                DRAW: self._answered,
                 DEVELOP: self._answered,
                 STABILITY: self._answered,
                 CHECK: self._answered,
@@ -244,7 +246,7 @@ class UtilityQueue:
 
     def _again(self, task: Task, kind: str, message: str, tail: str) -> None:
         task.tries += 1
-        if task.tries < (1 if task.kind == STABILITY else MAX_TRIES):
+        if task.tries < (1 if task.kind in (DRAW, STABILITY) else MAX_TRIES):
             self._requeue(task)
         else:
             tries = f"gave up after {task.tries} attempts to" if task.tries > 1 else "could not"
@@ -372,6 +374,18 @@ class UtilityQueue:
             prefix = files.find_reference(c, ("film", film), "prefix")
             record = films.stored_record(c, film)
             return self._film_of(c, job, prefix) | {"record": record} if prefix else None
+
+        return self._scheduler.db.read(read)
+
+    def samples_request(self, job_id: str) -> JsonDict | None:
+        """Describe a job's film as it stands, merged samples of an unended one; None without."""
+
+        def read(c: Any) -> JsonDict | None:
+            job = views.get_job(c, job_id)
+            if film := files.find_reference(c, ("job", job_id), "film"):
+                return self._film_of(c, job, film)
+            row, prefix = films.merged_so_far(c, job_id)
+            return self._film_of(c, job, prefix) | {"record": row} if prefix and job.spp else None
 
         return self._scheduler.db.read(read)
 

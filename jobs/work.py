@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from matiere.scene.scene import Scene
 
 OPEN_ENDED_SPP = 2**20
+THUMBNAIL = 192  # pixels of the longer edge
 STOP_KEYS = ("spp", "seconds", "target_error")
 
 
@@ -298,6 +299,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     return {
         "image.png": _image(film, ".png", bit_depth=depths.get("png"), **view),
         "image.exr": _image(film, ".exr", bit_depth=depths.get("exr")),
+        "thumbnail.jpg": _small(film, view, THUMBNAIL),
         "report.json": json.dumps(report, allow_nan=False, indent=1).encode(),
         "error.svg": _plot(film, job["label"]).encode(),
         "signature": signature(film).to_bytes(),
@@ -370,6 +372,113 @@ def make_difference(
         statement = {"matiere:comparison": found.report["statement"]}
         write_image(path, found.picture(), metadata=statement)
         return path.read_bytes()
+
+
+def _small(film: Film, view: Mapping[str, Any], longest: int) -> bytes:
+    """Return a film as JPEG of at most so many pixels: averaged in linear light, then developed."""
+    from matiere.imageio import scene_linear
+
+    light = scene_linear(film, despeckle=view.get("despeckle", False))
+    plain = {key: value for key, value in view.items() if key != "despeckle"}
+    return _shown_as(light, plain, ".jpg", longest)
+
+
+def smaller(image: Any, longest: int) -> Any:
+    """Average whole blocks of pixels until the longer edge is at most `longest`."""
+    block = -(-max(image.shape[:2]) // longest)
+    if block == 1:
+        return image
+    height, width = (max(1, edge // block) for edge in image.shape[:2])
+    rows, columns = (min(block, edge) for edge in image.shape[:2])
+    cut = image[: height * rows, : width * columns]
+    return cut.reshape(height, rows, width, columns, -1).mean(axis=(1, 3))
+
+
+def draw_image(path: str, request: JsonDict) -> bytes:
+    """Return the linear image of an ended job, an EXR, as PNG or JPEG through another view."""
+    from matiere.imageio import Decoded, read_image
+
+    read: Decoded = read_image(path)
+    kept = [read.channels.index(c) for c in "RGBA" if c in read.channels]
+    view = {k: v for k, v in _view(request["output"]).items() if k != "despeckle"}
+    light = read.pixels[:, :, kept]
+    return _shown_as(light, view | request["shown"], request["suffix"], request["longest"])
+
+
+def _shown_as(light: Any, view: Mapping[str, Any], suffix: str, longest: int | None) -> bytes:
+    """Return linear pixels through a view, averaged down to `longest` pixels first if given."""
+    from matiere.develop import develop
+    from matiere.imageio import Stored, encode, quantise
+
+    shown = quantise(develop(smaller(light, longest) if longest else light, **view), 8)
+    if suffix == ".jpg":
+        return encode(Stored(shown[:, :, :3], ["R", "G", "B"], {}, quality=90), suffix, "uint8")
+    names = ["R", "G", "B", "A"][: shown.shape[2]]
+    return encode(Stored(shown, names, {}), suffix, "uint8")
+
+
+def draw_film(stored: memoryview, header: JsonDict, request: JsonDict) -> bytes:
+    """Return a film as PNG or JPEG through a view: `shown`, `suffix` and, or not, `longest`."""
+    film = _film(stored, header, request)
+    view = _view(request["output"]) | request["shown"]
+    if request["longest"]:
+        return _small(film, view, request["longest"])
+    return _image(film, request["suffix"], **view)
+
+
+def draw_difference(
+    a: tuple[memoryview, JsonDict, JsonDict], b: tuple[memoryview, JsonDict, JsonDict]
+) -> tuple[bytes, JsonDict]:
+    """Return what differs between two films (stored, header, request): PNG and report."""
+    from matiere.compare import compare
+    from matiere.imageio import Stored, encode, quantise
+
+    found = compare(_film(*a), _film(*b))
+    picture = quantise(found.picture(), 8)
+    return encode(Stored(picture, ["R", "G", "B"], {}), ".png", "uint8"), found.report
+
+
+BALL_PX, BALL_SPP, BALL_S = 192, 24, 1.5
+BALL: JsonDict = {
+    "version": 1,
+    "camera": {"type": "pinhole", "origin": [0, 1.75, 5], "target": [0, 0.96, 0], "vfov_deg": 28},
+    "film": {"width": BALL_PX, "height": BALL_PX},
+    "shapes": [
+        {"type": "sphere", "center": [0, 1, 0], "radius": 1, "material": "ball"},
+        {
+            "type": "mesh",
+            "positions": [[-9, 0, -9], [9, 0, -9], [9, 0, 9], [-9, 0, 9]],
+            "triangles": [[0, 2, 1], [0, 3, 2]],
+            "material": "floor",
+        },
+    ],
+    "lights": [
+        {"type": "rectangle", "corner": [-3.5, 4.8, 0.5], "edge_u": [2.5, 0, 0],
+         "edge_v": [0, -0.8, 2.2], "radiance": [17, 16, 14.5]},
+        {"type": "rectangle", "corner": [2.6, 0.2, 1.8], "edge_u": [0, 2.6, 0],
+         "edge_v": [0.4, 0, -1.6], "radiance": [6, 7, 8.5]},
+    ],
+    "environment": {"radiance": [0.6, 0.63, 0.7]},
+}  # fmt: skip
+
+
+def draw_ball(material: JsonDict, root: str) -> bytes:
+    """Return a small ball of a material as PNG. Raises SceneValidationError with pointers."""
+    from matiere.errors import Fault, SceneValidationError
+    from matiere.render import render
+    from matiere.scene.load import load
+
+    floor = {"type": "lambert", "albedo": [0.35, 0.36, 0.38]}
+    scene = {**BALL, "materials": {"ball": material, "floor": floor}}
+    try:
+        film = render(load(scene, asset_root=root), spp=BALL_SPP, seconds=BALL_S, threads=1)
+    except SceneValidationError as error:
+        prefix = "/materials/ball"
+        raise SceneValidationError(
+            Fault(f["pointer"].removeprefix(prefix), f["code"], f["message"], f.get("suggestion"))
+            for f in error.errors
+        ) from None
+    return _image(film, ".png")
 
 
 def make_sheet(cells: Sequence[Mapping[str, Any]], request: JsonDict) -> bytes:

@@ -31,6 +31,7 @@ from matiere.service.routes import (
     materials,
     metrics,
     nights,
+    pictures,
     storage,
     sweeps,
 )
@@ -81,7 +82,7 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
         body_timeout_s=settings.body_timeout_s,
     )
     app.add_middleware(MetricsMiddleware, metrics=app.state.metrics)  # outermost
-    of_jobs = (events, jobs, sweeps, nights, assets)
+    of_jobs = (events, jobs, sweeps, nights, pictures, assets)
     for routes in (*of_jobs, materials, checks, storage, health, metrics):
         app.include_router(routes.router)
     app.include_router(page)

@@ -151,6 +151,11 @@ CODES: dict[str, Kind] = {
         "The request would need more disk than there is",
         "Ask for fewer pixels, fewer replicates or fewer cells.",
     ),
+    "not_comparable": Kind(
+        422,
+        "The two films cannot be compared",
+        "Compare films of one size with the same number of replicates.",
+    ),
     "unknown_view": Kind(
         422,
         "The colour configuration, display or view is not known",
@@ -161,6 +166,9 @@ CODES: dict[str, Kind] = {
         429,
         "There is no time for this check now",
         "Send it again in a few seconds; `matiere check` does the same on your own machine.",
+    ),
+    "too_many_pictures": Kind(
+        429, "There is no time to draw this picture now", "Ask again in a few seconds."
     ),
     "too_many_comparisons": Kind(
         429,

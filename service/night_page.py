@@ -46,15 +46,20 @@ def page(report: Report, pictures: Mapping[int, Path] | None = None) -> str:
         '<meta name="viewport" content="width=device-width, initial-scale=1">',
         f"<style>{STYLE}</style></head><body>",
         f"<h1>{escape(title)}</h1>",
-        f'<p class="verdict {_mood(report)}">{escape(report["statement"])}</p>',
-        *_facts(report),
-        *_changes(report, pictures or {}),
-        *_others(report),
-        *_drift(report),
-        *_table(report),
+        *body(report, pictures),
         "</body></html>",
     ]
     return "\n".join(parts) + "\n"
+
+
+def body(report: Report, pictures: Mapping[int, Path] | None = None) -> Iterator[str]:
+    """Yield what stands below the title: verdict, figures, changes, tables."""
+    yield f'<p class="verdict {_mood(report)}">{escape(report["statement"])}</p>'
+    yield from _facts(report)
+    yield from _changes(report, pictures or {})
+    yield from _others(report)
+    yield from _drift(report)
+    yield from _table(report)
 
 
 def index(nights: Mapping[str, Sequence[Report]]) -> str:

@@ -134,6 +134,8 @@ BODIES: dict[str, dict[str, Any]] = {
 
 #: name of a parameter -> example
 PARAMETERS: dict[str, Any] = {
+    "against": JOB,
+    "material": '{"type": "conductor", "metal": "Cu", "alpha": 0.2}',
     "job_id": JOB,
     "sweep_id": SWEEP,
     "cell": 3,

@@ -352,6 +352,8 @@ class JobView(BaseModel):
         for kind in job.artifacts:
             if kind in JOB_FILES:
                 links[JOB_FILES[kind][0]] = f"{self_link}/{JOB_FILES[kind][1]}"
+        if job.spp:
+            links["preview"] = f"{self_link}/preview"
         if job.sweep_id:
             links["sweep"] = f"/v1/sweeps/{job.sweep_id}"
         error = job.error
@@ -391,6 +393,7 @@ class JobView(BaseModel):
 
 # artifact kind -> (name of its link, last part of its URL)
 JOB_FILES = {
+    "thumbnail.jpg": ("thumbnail", "thumbnail.jpg"),
     "image.png": ("image_png", "image.png"),
     "image.exr": ("image_exr", "image.exr"),
     "report.json": ("report", "report"),

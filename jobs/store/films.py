@@ -384,6 +384,15 @@ def _stored_prefix(c: Connection, film_id: int) -> Blob:
     return prefix
 
 
+def merged_so_far(c: Connection, job_id: str) -> tuple[int, Blob | None]:
+    """Return where the merged samples of a job's film lie: place in the file, and the file."""
+    from matiere.jobs.store.files import find_reference
+
+    mine = sa.select(film.c.id, film.c.prefix_record).join(job, job.c.film_id == film.c.id)
+    row = c.execute(mine.where(job.c.id == job_id)).one()
+    return row.prefix_record, find_reference(c, ("film", row.id), "prefix")
+
+
 def stored_record(c: Connection, film_id: int) -> int:
     """Return the place of a film in the file of its prefix."""
     return int(c.execute(sa.select(film.c.prefix_record).where(film.c.id == film_id)).scalar_one())

@@ -130,6 +130,14 @@ def job_scene(c: Connection, job_id: str) -> JsonDict | None:
     return scene | ({"output": output} if output else {})
 
 
+def job_output(c: Connection, job_id: str) -> JsonDict:
+    """Return how a job's image is shown: view, exposure, ..."""
+    output: JsonDict = json.loads(
+        c.execute(sa.select(job.c.output).where(job.c.id == job_id)).scalar_one()
+    )
+    return output
+
+
 def counts(c: Connection) -> dict[str, int]:
     """Return the number of jobs in every state."""
     rows = c.execute(sa.select(job.c.state, sa.func.count()).group_by(job.c.state)).all()

@@ -16,7 +16,7 @@ from matiere.jobs.job import Event, JobState
 from matiere.service.deps import EngineDep
 from matiere.service.page import examples, words
 from matiere.service.page.plot import Forecast, Look, error_plot, looks_of
-from matiere.service.page.site import PageRoute, asset, html
+from matiere.service.page.site import PageRoute, html
 from matiere.service.routes import jobs as api
 from matiere.service.schemas import JobView
 
@@ -25,6 +25,10 @@ router = APIRouter(route_class=PageRoute, include_in_schema=False)
 PER_PAGE = 40
 NO_SWEEP = "none"  # as `GET /v1/jobs?sweep=none`: jobs that are no cells
 EVENTS = 400
+# Views of the built-in configuration for the display that files are made for.
+SHOWN_VIEWS = (
+    "ACES 2.0 - SDR 100 nits (Rec.709)", "Un-tone-mapped", "Video (colorimetric)", "Raw",
+)  # fmt: skip
 MOST_REPORT_BYTES = 32 * 2**20
 Cursor = Annotated[str | None, Query(max_length=500)]
 
@@ -107,8 +111,13 @@ def _facts(engine: Engine, job: JobView) -> dict[str, Any]:
         "left": _left(job, forecast),
         "history": [event for event in events if event.kind != "progress"],
         "picture": _picture(job),
-        "asset": asset,
+        "output_exposure": _output(engine, job).get("exposure", 0.0),
+        "shown_views": [] if _output(engine, job).get("config") else SHOWN_VIEWS,
     }
+
+
+def _output(engine: Engine, job: JobView) -> dict[str, Any]:
+    return dict((engine.job_scene(job.id) or {}).get("output", {}))
 
 
 def _looks(events: list[Event]) -> list[Look]:
@@ -155,6 +164,6 @@ def _picture(job: JobView) -> dict[str, Any] | None:
             return None
         return {"url": job.links["image_png"], "alt": f"Rendered image of {words.name_of(job)}"}
     if job.spp and "preview" in job.links:
-        url = f"{job.links['preview']}?spp={job.spp}"
+        url = f"{job.links['preview']}?v={job.spp}"
         return {"url": url, "alt": f"Preview of {words.name_of(job)} at {job.spp} spp"}
     return None

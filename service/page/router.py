@@ -5,12 +5,12 @@ from __future__ import annotations
 from fastapi import APIRouter, Response
 
 from matiere.service.errors import Problem
-from matiere.service.page import jobs, workers
+from matiere.service.page import jobs, materials, nights, sweeps, workers
 from matiere.service.page.site import PageRoute, static_file
 
 router = APIRouter(route_class=PageRoute, include_in_schema=False)
-router.include_router(jobs.router)
-router.include_router(workers.router)
+for views in (jobs, sweeps, nights, materials, workers):
+    router.include_router(views.router)
 
 
 @router.get("/static/{digest}/{name:path}")

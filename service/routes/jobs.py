@@ -132,7 +132,8 @@ def get_job(job_id: str, response: Response, engine: EngineDep) -> JobView:
     return JobView.of(job)
 
 
-def _file(request: Request, engine: Engine, job_id: str, kind: str) -> Response:
+def job_file(request: Request, engine: Engine, job_id: str, kind: str) -> Response:
+    """Send a stored file of a job that has ended with a result."""
     job = find_job(engine, job_id)
     cut_short = job.state in (JobState.EXPIRED, JobState.UNFINISHED)
     kept = cut_short and kind in job.artifacts
@@ -156,7 +157,7 @@ def _file(request: Request, engine: Engine, job_id: str, kind: str) -> Response:
 
 
 _MEDIA: dict[str, str] = {
-    "image.png": "image/png",
+    "thumbnail.jpg": "image/jpeg",
     "image.exr": "image/x-exr",
     "report.json": "application/json",
     "error.svg": "image/svg+xml",
@@ -172,7 +173,7 @@ def _serve(kind: str, summary: str) -> None:
     }
 
     def handler(job_id: str, request: Request, engine: EngineDep) -> Response:
-        return _file(request, engine, job_id, kind)
+        return job_file(request, engine, job_id, kind)
 
     router.add_api_route(
         f"/{{job_id}}/{last}",
@@ -186,7 +187,7 @@ def _serve(kind: str, summary: str) -> None:
     )
 
 
-_serve("image.png", "The tonemapped image")
+_serve("thumbnail.jpg", "The tonemapped image, at most 192 pixels wide and high")
 _serve("image.exr", "The linear image with its standard error, as OpenEXR")
 _serve("report.json", "Error against run time, samples, rejected samples, versions")
 _serve("error.svg", "Plot of the error against run time")

@@ -278,6 +278,7 @@ def make_images(stored: memoryview, header: JsonDict, request: JsonDict) -> dict
     misdeed(request["scene"], -1)
     return {"image.png": b"png " + digest.encode(), "image.exr": fold.sums.tobytes(),
             "report.json": json.dumps(report).encode(), "error.svg": b"<svg/>",
+            "thumbnail.jpg": b"jpg " + digest.encode(),
             "signature": _signature(fold, request["scene"], header["spp"])}  # fmt: skip
 
 

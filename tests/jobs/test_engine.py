@@ -21,6 +21,7 @@ from matiere.jobs.errors import (
     JobNotFound,
     NotReadyYet,
 )
+from matiere.jobs.job import IMAGES
 from matiere.jobs.rules import Rules
 
 pytestmark = pytest.mark.usefixtures("store")
@@ -38,7 +39,7 @@ def test_a_job_renders_every_sample_once(engine: Engine) -> None:
     assert (job.state, job.spp, job.stop_reason, job.progress) == ("succeeded", 64, "spp", 1.0)
     report = report_of(engine, job.id)
     assert (report["min_count"], report["max_count"]) == (64, 64)
-    assert set(job.artifacts) == {"image.png", "image.exr", "report.json", "error.svg"}
+    assert set(job.artifacts) == set(IMAGES)
     assert engine.status()["counters"]["chunks_rendered"] == 12 * 10
 
 
@@ -50,8 +51,8 @@ def test_requested_spp_is_rounded_up_to_a_boundary(engine: Engine) -> None:
 def test_chunk_files_are_freed_after_merging(engine: Engine) -> None:
     job = run(engine, SCENE)
     folder = engine.data_dir / "artifacts"
-    wait_until(lambda: len([p for p in folder.rglob("*") if p.is_file()]) == 6)
-    # prefix, four results, signature
+    wait_until(lambda: len([p for p in folder.rglob("*") if p.is_file()]) == 7)
+    # prefix, five results, signature
     names = {p.name for p in folder.rglob("*") if p.is_file()}
     assert {engine.artifact(job.id, kind).digest for kind in job.artifacts} < names
 

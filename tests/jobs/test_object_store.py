@@ -106,7 +106,7 @@ def test_jobs_run_on_an_object_store_as_on_a_folder(tmp_path: Path, s3: S3) -> N
             sums.append(image.digest)
             assert engine.submit_job(SCENE).cached
             if url:
-                wait_until(lambda: len(s3.objects) == 6)  # film, results, signature
+                wait_until(lambda: len(s3.objects) == 7)  # film, results, signature
                 assert not list((tmp_path / name / "artifacts").glob("??"))
                 assert engine.readiness().checks["artifacts"].ok
     assert sums[0] == sums[1]

@@ -326,11 +326,11 @@ def test_usage_counts_every_file_once(tmp_path: Path, store: str) -> None:
         engine.wait_job(engine.submit_job(SCENE).id, 30)
         engine.submit_job(SCENE)  # the same files again
         folder = tmp_path / "data" / "artifacts"
-        wait_until(lambda: len(list(folder.glob("??/??/*"))) == 6)  # film, results, signature
+        wait_until(lambda: len(list(folder.glob("??/??/*"))) == 7)  # film, results, signature
         found = engine.storage.usage()
         there = [path.stat().st_size for path in folder.glob("??/??/*")]
         kinds = found["artifacts"].values()
-        assert sum(kind["files"] for kind in kinds) == 6
+        assert sum(kind["files"] for kind in kinds) == 7
         assert sum(kind["bytes"] for kind in kinds) == sum(there)
         assert found["artifacts"]["films"]["files"] == 1
         assert found["store_bytes"] > 10_000 and found["disk_free_bytes"] > 0

@@ -10,7 +10,8 @@ import pytest
 from page_support import Site, scene
 
 LONG = {"spp": 1_000_000}
-VIEWS = ["/", "/jobs/{job}", "/submit", "/workers"]
+VIEWS = ["/", "/jobs/{job}", "/submit", "/workers", "/sweeps", "/sweeps/{sweep}",
+         "/nights?a={sweep}&b={later}", "/materials", "/materials/conductor"]  # fmt: skip
 
 
 def test_a_scene_is_submitted_watched_and_cancelled(page: Any, site: Site) -> None:
@@ -26,6 +27,12 @@ def test_a_scene_is_submitted_watched_and_cancelled(page: Any, site: Site) -> No
         "at => !['0 spp', at].includes([...document.querySelectorAll('dl.big div')]"
         ".find(d => d.textContent.includes('samples')).querySelector('dd').textContent)",
         arg=samples.inner_text(),
+        timeout=60_000,
+    )
+    shown = page.locator("#picture").get_attribute("src", timeout=30_000)
+    page.wait_for_function(
+        "src => document.querySelector('#picture').getAttribute('src') !== src",
+        arg=shown,
         timeout=60_000,
     )
     page.get_by_role("button", name="Cancel").click()
@@ -64,14 +71,71 @@ def test_what_is_not_json_is_told_at_its_line(page: Any, text: str, line: int) -
 
 
 def test_materials_of_a_job_are_tested_for_stability(page: Any, site: Site) -> None:
+    asked: list[dict[str, Any]] = []
+
+    def answer(route: Any) -> None:  # the report itself has tests of its own, in test_checks
+        asked.append(route.request.post_data_json)
+        busy = len(asked) == 1
+        body = {"detail": "busy"} if busy else {"verdict": "warn", "reason": "it says why"}
+        route.fulfill(status=429 if busy else 200, json=body)
+
+    page.route("**/v1/checks", answer)
     page.goto(f"/jobs/{site.job}")
     page.get_by_role("button", name="Test the materials").click()
-    verdict = page.locator("[data-check=ball] .verdict")
+    page.locator("[data-check=ball] .verdict.warn").wait_for(timeout=30_000)
+    assert "passes with a warning: it says why" in page.locator("[data-check=ball]").inner_text()
+    assert asked == [{"material": scene()["materials"]["ball"]}] * 2
+
+
+def test_axes_of_a_sweep_are_switched_and_cells_compared(page: Any, site: Site) -> None:
+    page.goto(f"/sweeps/{site.sweep}")
+    heads = page.locator("table.grid thead th")
+    assert heads.all_inner_texts()[1:] == ["0.1", "0.3", "0.6"]
+    page.get_by_label("Across").select_option(label="metal")
+    page.wait_for_url("**columns=0**")
+    page.locator("table.grid thead th", has_text="Cu").wait_for()
+    assert heads.all_inner_texts()[1:] == ["Au", "Cu"]
+    assert page.locator("table.grid tbody th").all_inner_texts() == ["0.1", "0.3", "0.6"]
+    boxes = page.locator("input[name=cell]")
+    for index in range(3):  # the first choice gives way
+        boxes.nth(index).check()
+    assert page.locator("input[name=cell]:checked").count() == 2
+    page.get_by_role("button", name="Compare the two chosen cells").click()
+    page.wait_for_url("**/compare?**")
     page.wait_for_function(
-        "() => document.querySelector('[data-check=ball] .verdict').matches('.pass, .warn, .fail')",
-        timeout=60_000,
+        "() => document.querySelector('#statement').textContent.includes('mean luminance')",
+        timeout=30_000,
     )
-    assert verdict.inner_text().startswith("passes")
+    page.get_by_label("Slide between the two").fill("25")
+    assert "75%" in page.locator(".top-image").evaluate("i => i.style.clipPath")
+    drawn = page.locator("img.map").evaluate("i => i.decode().then(() => i.naturalWidth)")
+    assert drawn > 100
+
+
+def test_the_ball_follows_its_sliders(page: Any) -> None:
+    page.goto("/materials/conductor")
+    ball = page.locator("#ball")
+    before = ball.get_attribute("src")
+    page.locator("#turn [name=alpha]").fill("0.5")
+    page.wait_for_function(
+        "src => document.querySelector('#ball').getAttribute('src') !== src",
+        arg=before,
+        timeout=30_000,
+    )
+    assert "0.5" in page.locator("#json").inner_text()
+    assert ball.evaluate("i => i.naturalWidth") == 192
+
+
+def test_exposure_is_changed_without_rendering(page: Any, site: Site) -> None:
+    page.goto(f"/jobs/{site.job}")
+    rendered = site.engine.status()["counters"].get("chunks_rendered")
+    page.get_by_label("Exposure").fill("2")
+    page.wait_for_function(
+        "() => document.querySelector('#picture').getAttribute('src').includes('exposure=2')",
+        timeout=30_000,
+    )
+    assert page.locator("#picture").evaluate("i => i.naturalWidth") == 32
+    assert site.engine.status()["counters"].get("chunks_rendered") == rendered
 
 
 @pytest.mark.parametrize("address", VIEWS)

@@ -14,6 +14,7 @@ from typing import Any
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.engine import Engine
 from matiere.jobs.engine_gauges import Gauge
+from matiere.jobs.engine_pictures import Picture
 from matiere.jobs.errors import (
     AssetMismatch,
     Busy,
@@ -37,7 +38,7 @@ from matiere.jobs.job import (
 )
 from matiere.jobs.measure import Measures
 
-FILES = ("image.png", "image.exr", "report.json", "error.svg")
+FILES = ("image.png", "image.exr", "report.json", "error.svg", "thumbnail.jpg")
 MAX_ASSET_BYTES = 100_000  # what the served application of the tests allows
 BODY_TIMEOUT_S = 0.5
 
@@ -295,6 +296,22 @@ class FakeEngine(Engine):
         path.write_bytes(content)
         digest = hashlib.sha256(content).hexdigest()
         return Artifact(kind, digest, len(content), str(path), ARTIFACT_MEDIA_TYPES[kind][0])
+
+    def film_picture(self, job_id: str, **how: Any) -> Picture:
+        """Return a picture of a job that has samples."""
+        if self.get_job(job_id).spp == 0:
+            raise NotReadyYet("no samples yet")
+        return Picture(b"picture", "image/jpeg", "tag")
+
+    def difference_picture(self, a: str, b: str) -> Picture:
+        """Return a picture of two jobs."""
+        return Picture(b"picture", "image/png", "tag", {"statement": f"{a} against {b}"})
+
+    def ball_picture(self, material: Mapping[str, Any]) -> Picture:
+        """Return a ball."""
+        if "type" not in material:
+            raise SceneValidationError([Fault("/type", "missing", "say which")])
+        return Picture(b"ball", "image/png", "tag")
 
     def readiness(self) -> Readiness:
         """Be ready unless draining."""

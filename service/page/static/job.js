@@ -1,5 +1,6 @@
 // The view of a job: live parts, and stability tests of its materials.
 import "./live.js";
+import "./view.js";
 import { ask } from "./common.js";
 
 const WORDS = { pass: "passes", warn: "passes with a warning", fail: "fails" };
