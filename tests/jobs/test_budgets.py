@@ -139,7 +139,7 @@ def test_the_same_samples_give_the_same_bits(engine: Engine, tmp_path: Path) -> 
     for job in engine.list_jobs(sweep_id=short.id):
         scene = {**BASE, "hard": job.parameters["hard"]}
         with open_engine(tmp_path / str(job.cell), children=1, **FAKE) as other:
-            alone = other.wait_job(other.submit_job(scene, stop={"spp": job.spp}).id, 30)
+            alone = other.wait_job(other.submit_job(scene, stop={"spp": job.spp}).id, 400)
             assert alone.spp == job.spp
             mine, its = (report_of(e, j.id)["sums"] for e, j in ((engine, job), (other, alone)))
             assert mine == its
