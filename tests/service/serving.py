@@ -69,6 +69,11 @@ class Serving:
         return "\n".join(self.lines)
 
     @property
+    def pid(self) -> int:
+        """The process."""
+        return self.process.pid
+
+    @property
     def url(self) -> str:
         """The URL that was printed."""
         return self.line("url ")
@@ -84,13 +89,14 @@ def command(
     *arguments: object,
     quick: bool = True,
     environ: Mapping[str, str] | None = None,
+    code: str | None = None,
 ) -> Iterator[Serving]:
-    """Run a `matiere` command; it is killed at the end if it still runs."""
+    """Run a `matiere` command (by `code` of one's own); it is killed at the end if it still runs."""
     environment = {**os.environ, **(environ or {})}
-    if quick:
+    if quick and code is None:
         paths = [str(JOBS_TESTS), environment.get("PYTHONPATH", "")]
         environment["PYTHONPATH"] = os.pathsep.join(path for path in paths if path)
-    start = ["-c", QUICK] if quick else ["-m", "matiere.service"]
+    start = ["-c", code or QUICK] if quick else ["-m", "matiere.service"]
     process = subprocess.Popen(
         [sys.executable, *start, *map(str, arguments)],
         stdout=subprocess.PIPE,
