@@ -12,10 +12,10 @@ from collections import OrderedDict
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.children import LEASE_S, Child
 from matiere.jobs.errors import JobsError
 from matiere.jobs.job import JobError, JsonDict
+from matiere.jobs.limits import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.slots import Held
 from matiere.jobs.store import batches, cells
 from matiere.jobs.store.batches import BatchReport, SmallFilm

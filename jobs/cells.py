@@ -12,12 +12,12 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from matiere.errors import Fault, SceneValidationError
+from matiere.errors import SceneValidationError
 from matiere.jobs.artifacts import Artifacts
 from matiere.jobs.job import JsonDict
+from matiere.jobs.limits import BYTES_PER_SAMPLE_SUM, Limits
 from matiere.jobs.sweep import SweepPlan
 
-BYTES_PER_SAMPLE_SUM = 56  # at most: 4 doubles per pixel and replicate, 3 of the light layer
 KEPT_SWEEPS = 4
 VERSION = 1
 # A small film is rendered, folded and stored by one child at once, many to a file.
@@ -64,23 +64,11 @@ def is_small(facts: JsonDict, spp_cap: int) -> bool:
     )
 
 
-def refuse_large(facts: JsonDict, max_film_bytes: int) -> None:
-    """Raise SceneValidationError for a film above the limit of the service."""
-    width, height, replicates = facts["width"], facts["height"], facts["replicates"]
-    size = width * height * replicates * BYTES_PER_SAMPLE_SUM
-    if size > max_film_bytes:
-        why = (
-            f"a film of {width} x {height} pixels with {replicates} replicates needs "
-            f"{size / 2**30:.1f} GiB; this service allows {max_film_bytes / 2**30:.1f} GiB"
-        )
-        raise SceneValidationError([Fault("/film", "memory_limit", why)])
-
-
 class OpenSweep:
     """A sweep ready to have its cells looked at."""
 
     def __init__(self, work: Any, plan: SweepPlan, request: JsonDict, files: Any) -> None:
-        """Take a plan and what makes jobs of its cells: stop, root, pins, max_film_bytes."""
+        """Take a plan and what makes jobs of its cells: stop, root, pins, limits."""
         self._work, self.plan, self.request, self._files = work, plan, request, files
 
     @classmethod
@@ -98,7 +86,7 @@ class OpenSweep:
     def facts(self, cell: int) -> JsonDict:
         """Return what `work.inspect` says of a cell. Raises SceneValidationError."""
         facts: JsonDict = self._work.inspect(self.scene(cell), self._files)
-        refuse_large(facts, self.request["max_film_bytes"])
+        Limits.of(self.request).check(facts)
         return facts
 
     def row(self, cell: int, facts: JsonDict) -> JsonDict:

@@ -65,6 +65,7 @@ from matiere.jobs.job import (
     Readiness,
     Sweep,
 )
+from matiere.jobs.limits import Limits, check_queue
 from matiere.jobs.recent import Recent
 from matiere.jobs.rules import Rules
 from matiere.jobs.scheduler import Scheduler
@@ -92,6 +93,7 @@ def open_engine(
     min_free_bytes: int = MIN_FREE_BYTES,
     rules: Rules | None = None,
     max_film_bytes: int | None = None,
+    limits: Limits | None = None,
     child_memory_bytes: int | None = None,
     claim_limit_s: float = 3600.0,
     executor: str = "local",
@@ -105,15 +107,15 @@ def open_engine(
     (with `url` and `pid` of the holder), `StoreError` (store newer than the program, damaged, or
     on a network file system). Below `min_free_bytes` of free disk no new work is handed out;
     `rules` say how long results and films are kept;
-    films above `max_film_bytes` (an eighth of the memory) are refused. A child that uses more than
-    `child_memory_bytes`, or works on one claim for more than `claim_limit_s`, is killed, which
-    counts as a failed attempt (`memory_limit`, `time_limit`); by default only all children
-    together have a limit, three quarters of the memory. With `executor="ray"` claims are rendered
+    films above `max_film_bytes` (an eighth of the memory) are refused, as is what is above
+    `limits`. A child that uses more than `child_memory_bytes`, or works on one claim for more than
+    `claim_limit_s`, is killed, which counts as a failed attempt (`memory_limit`, `time_limit`); by
+    default only all children together have a limit, three quarters of the memory. With `executor="ray"` claims are rendered
     by the Ray cluster at `ray_address` (none: the one this machine is part of), at most `children`
     at once if that is given. `work` names the module that renders; only tests give another.
     """
-    limits = (child_memory_bytes or 0, claim_limit_s)
-    cluster = cluster_of(executor, ray_address, children, *limits)
+    child = (child_memory_bytes or 0, claim_limit_s)
+    cluster = cluster_of(executor, ray_address, children, *child)
     threads = max(1, threads_per_child)
     count = children or max(1, len(os.sched_getaffinity(0)) // threads)
     memory = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
@@ -124,8 +126,14 @@ def open_engine(
         data.close()
         raise
     rules = replace(rules or Rules(), min_free_bytes=min_free_bytes)
-    options = Options(count, threads, work, min_free_bytes, rules, *limits, cluster)
-    engine = Engine(data, database, options, max_film_bytes or memory // MEMORY_SHARE)
+    options = Options(count, threads, work, min_free_bytes, rules, *child, cluster)
+    limits = limits or Limits()
+    limits = replace(
+        limits,
+        film_bytes=max_film_bytes or limits.film_bytes or memory // MEMORY_SHARE,
+        job_bytes=limits.job_bytes or memory // 2,
+    )
+    engine = Engine(data, database, options, limits)
     if url is not None:
         engine.announce(url)
     return engine
@@ -134,14 +142,12 @@ def open_engine(
 class Engine(Controls, EngineNights, EngineDifferences, EnginePictures, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
-    def __init__(
-        self, data: DataDir, database: Database, options: Options, max_film_bytes: int
-    ) -> None:
+    def __init__(self, data: DataDir, database: Database, options: Options, limits: Limits) -> None:
         """Use `open_engine`."""
         self.data_dir, self.children = data.root, options.children
         self.threads_per_child = options.threads
         self._data, self._db = data, database
-        self._closed = False
+        self._closed, self._limits = False, limits
         self._follow()
         self._recent: Recent[Job] = Recent(None if database.shared else lambda: self._version)
         self._album = Album()
@@ -152,7 +158,7 @@ class Engine(Controls, EngineNights, EngineDifferences, EnginePictures, Feed, Ga
         #: films begun, and the chunks these still miss to the end of their spp.
         self.resumed: JsonDict = term.found | self._begun(module)
         self._scheduler = Scheduler(database, data, options, module, term)
-        self._submitter = Submitter(data, module, max_film_bytes, self._scheduler.check_files)
+        self._submitter = Submitter(data, module, limits, self._scheduler.check_files)
         self._db.has_file = data.artifacts.has
         self._janitor = Janitor(self.storage, lambda: self._scheduler.term.running)
         self._scheduler.on_low_disk = self._janitor.hurry
@@ -294,10 +300,19 @@ class Engine(Controls, EngineNights, EngineDifferences, EnginePictures, Feed, Ga
         request = Request(stop, assets or {}, priority, label, ends, tuple(after))
         spec = self._submitter.job(scene, request)
         self.storage.check_room([(spec.film.width, spec.film.height, spec.film.replicates)])
-        job_id = self._db.write(lambda c: jobs.submit_job(c, spec, key))
+        job_id = self._admit(1, lambda c: jobs.submit_job(c, spec, key))
         tracing.record("submit", job_id, time.monotonic() - begun)
         self._scheduler.wake()
         return self.get_job(job_id)
+
+    def _admit(self, count: int, submit: Callable[[Any], str]) -> str:
+        """Submit `count` jobs if the queue has room for them. Raises QueueFull."""
+
+        def write(c: Any) -> str:
+            check_queue(views.live(c), count, self._limits)
+            return submit(c)
+
+        return self._db.write(write)
 
     def get_job(self, job_id: str) -> Job:
         """Return a job. Raises `JobNotFound`."""
@@ -361,7 +376,7 @@ class Engine(Controls, EngineNights, EngineDifferences, EnginePictures, Feed, Ga
         )
         sizes = [(row["width"], row["height"], row["replicates"]) for row in rows]
         self.storage.check_room(sizes, spec.cells / len(rows))
-        sweep_id = self._db.write(lambda c: cells.submit_sweep(c, spec, rows, key))
+        sweep_id = self._admit(spec.cells, lambda c: cells.submit_sweep(c, spec, rows, key))
         self._scheduler.wake()
         return self.get_sweep(sweep_id)
 

@@ -11,9 +11,9 @@ import time
 from collections.abc import Sequence
 from typing import Any
 
-from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.course import AdaptiveCourse, Course, is_adaptive
 from matiere.jobs.job import AGEING_S, JsonDict
+from matiere.jobs.limits import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.films import FilmRow
 

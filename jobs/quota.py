@@ -12,8 +12,8 @@ from collections.abc import Callable, Iterable
 from pathlib import Path
 
 from matiere.errors import Fault, SceneValidationError
-from matiere.jobs.cells import BYTES_PER_SAMPLE_SUM
 from matiere.jobs.errors import JobsError
+from matiere.jobs.limits import BYTES_PER_SAMPLE_SUM
 
 FILM_COPIES = 3  # old prefix, one pass of chunk files, new prefix
 RESULT_BYTES_PER_PIXEL = 40  # EXR: eight floats; PNG: two bytes a channel at most

@@ -12,9 +12,10 @@ from dataclasses import dataclass
 from typing import Any
 
 from matiere.errors import Fault, SceneValidationError
-from matiere.jobs.cells import OpenSweep, document, refuse_large, with_stop
+from matiere.jobs.cells import OpenSweep, document, with_stop
 from matiere.jobs.datadir import DataDir
 from matiere.jobs.job import MAX_PRIORITY, MIN_PRIORITY, JsonDict
+from matiere.jobs.limits import Limits, film_bytes
 from matiere.jobs.store.files import Blob
 from matiere.jobs.store.jobs import FilmSpec, JobSpec, SweepSpec
 from matiere.jobs.sweep import SweepPlan, guess_columns, parse_sweep
@@ -43,11 +44,9 @@ class Request:
 class Submitter:
     """Makes JobSpecs of scenes with the engine's work module."""
 
-    def __init__(
-        self, data: DataDir, work: Any, max_film_bytes: int, check_files: FileCheck
-    ) -> None:
-        """Check scenes against `data`'s assets; refuse films larger than `max_film_bytes`."""
-        self._data, self._work, self._max_film_bytes = data, work, max_film_bytes
+    def __init__(self, data: DataDir, work: Any, limits: Limits, check_files: FileCheck) -> None:
+        """Check scenes against `data`'s assets; refuse what is above `limits`."""
+        self._data, self._work, self._limits = data, work, limits
         self._check_files = check_files
         self._good_files: set[str] = set()  # keys of file sets that were read without a fault
 
@@ -75,7 +74,7 @@ class Submitter:
             "stop": _stop_of(plan, request),
             "root": self._data.relative(files.root),
             "pins": dict(request.assets),
-            "max_film_bytes": self._max_film_bytes,
+            "limits": self._limits.to_dict(),
             "deadline": request.deadline,
         }
         opened = OpenSweep(self._work, plan, about, files)
@@ -138,9 +137,9 @@ class Submitter:
             self._data.link_named(files.root, name)
         try:
             facts = self._work.inspect(with_stop(scene, request.stop), files)
+            self._limits.check(facts)
         except SceneValidationError as error:
             raise SceneValidationError([_on_stop(f, request.stop) for f in error.faults]) from None
-        refuse_large(facts, self._max_film_bytes)
         assets = {"root": self._data.relative(files.root), "pins": facts["pins"]}
         self._read_files(facts, assets)
         film = FilmSpec(
@@ -166,10 +165,12 @@ class Submitter:
         )
 
     def _read_files(self, facts: JsonDict, assets: JsonDict) -> None:
-        key = facts["files_key"]
+        film = film_bytes(facts)
+        key = f"{facts['files_key']}:{film}"
         if key in self._good_files:
             return
-        if faults := self._check_files(facts["scene"], assets):
+        limits = {"limits": self._limits.to_dict() | {"film": film}}
+        if faults := self._check_files(facts["scene"], assets | limits):
             raise SceneValidationError(
                 Fault(f["pointer"], f["code"], f["message"], f.get("suggestion")) for f in faults
             )

@@ -95,10 +95,17 @@ def _digest(value: Any) -> str:
 
 
 def check_files(scene: Mapping[str, Any], assets: Mapping[str, Any]) -> None:
-    """Read a scene's meshes and images (in the utility child). Raises SceneValidationError."""
+    """Read a scene's meshes and images (in the utility child). Raises SceneValidationError.
+
+    Under the `limits` in `assets`, if there are any: images are judged before they are decoded.
+    """
+    from matiere.jobs import limits
     from matiere.scene.load import load
 
-    load(scene, asset_root=assets["root"], pins=assets["pins"]).flatten()
+    loaded = load(scene, asset_root=assets["root"], pins=assets["pins"])
+    if allowed := assets.get("limits"):
+        limits.check_files(loaded, asset_folder(assets["root"], assets["pins"]), allowed)
+    loaded.flatten()
 
 
 def check_material(

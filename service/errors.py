@@ -146,6 +146,11 @@ CODES: dict[str, Kind] = {
     "memory_limit": Kind(
         422, "The image would need more memory than one job may use", "Ask for a smaller film."
     ),
+    "limit_exceeded": Kind(
+        422,
+        "The request is larger than this service takes",
+        "Ask for less, or have the operator raise the limit (`matiere config` lists the settings).",
+    ),
     "disk_limit": Kind(
         422,
         "The request would need more disk than there is",
@@ -175,6 +180,11 @@ CODES: dict[str, Kind] = {
         "There is no time for this comparison now",
         "Send it again in a few seconds; `matiere compare` does the same on your own machine.",
     ),
+    "queue_full": Kind(
+        429,
+        "As many jobs wait as this service takes",
+        "Send it again when some have ended, as `Retry-After` says.",
+    ),
     "over_quota": Kind(
         429,
         "There is no room for this on the disk now",
@@ -199,6 +209,9 @@ CODES: dict[str, Kind] = {
 
 # codes of the package that HTTP tells more precisely
 ALIASES = {"not_ready": "job_not_finished"}
+
+# what a scene may be alone, told as the code of the whole problem
+TOO_LARGE = {"limit_exceeded", "memory_limit", "disk_limit"}
 
 _STATUS_CODES = {
     400: "bad_request",
@@ -273,6 +286,8 @@ def problem_of(error: MatiereError, prefix: str = "", own: tuple[str, ...] = ())
     code = ALIASES.get(error.code, error.code)
     if not errors and error.pointer:
         errors = [{"pointer": place(error.pointer), "code": code, "message": error.message}]
+    if code == "invalid_scene" and len(kinds := {error["code"] for error in errors}) == 1:
+        code = next(iter(kinds & TOO_LARGE), code)
     if code not in CODES:
         code = "invalid_scene" if errors else "internal_error"
     detail = _summary(errors) if errors else error.message

@@ -255,6 +255,7 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 artifacts_url=settings.artifacts_url,
                 min_free_bytes=settings.min_free_bytes,
                 rules=settings.rules(),
+                limits=settings.limits(),
                 child_memory_bytes=settings.child_memory_bytes,
                 claim_limit_s=settings.claim_limit_s,
                 executor=settings.executor,

@@ -24,6 +24,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError, field_valida
 from matiere.errors import MatiereError
 
 if TYPE_CHECKING:
+    from matiere.jobs.limits import Limits
     from matiere.jobs.rules import Rules
 
 ENVIRONMENT_PREFIX = "MATIERE_"
@@ -101,6 +102,28 @@ class Settings(BaseModel):
     max_asset_bytes: int = Field(
         2 * 2**30, ge=2**10, le=2**40, description="largest uploaded asset in bytes"
     )
+    max_pixels: int = Field(2**26, ge=1, description="largest film in pixels")
+    max_spp: int = Field(2**24, ge=1, description="most samples per pixel of a job")
+    max_depth: int = Field(10_000, ge=0, description="longest paths that a scene may ask for")
+    max_seconds: float = Field(
+        7 * 86_400.0, gt=0, description="longest render time that a job may ask for, in seconds"
+    )
+    max_triangles: int = Field(50_000_000, ge=1, description="most triangles of a scene")
+    max_texture_bytes: int = Field(
+        4 * 2**30, ge=1, description="all images of a scene together, decoded, in bytes"
+    )
+    max_film_bytes: int | None = Field(
+        None, ge=2**10, description="largest film in bytes; none: an eighth of the memory"
+    )
+    max_job_bytes: int | None = Field(
+        None,
+        ge=2**10,
+        description="film, textures and triangles of a job by estimate, in bytes; none: half of"
+        " the memory",
+    )
+    max_queued_jobs: int = Field(
+        1_000_000, ge=1, description="jobs and cells that have not ended; more are refused"
+    )
     min_free_bytes: int = Field(
         2 * 10**9, ge=0, description="free disk space below which no new work is taken, in bytes"
     )
@@ -130,6 +153,22 @@ class Settings(BaseModel):
             self.gc_grace_hours,
             self.min_free_bytes,
             self.events_kept,
+        )
+
+    def limits(self) -> Limits:
+        """Return how large a job may be, and how many may wait."""
+        from matiere.jobs.limits import Limits
+
+        return Limits(
+            film_bytes=self.max_film_bytes or 0,
+            job_bytes=self.max_job_bytes or 0,
+            pixels=self.max_pixels,
+            spp=self.max_spp,
+            depth=self.max_depth,
+            seconds=self.max_seconds,
+            triangles=self.max_triangles,
+            texture_bytes=self.max_texture_bytes,
+            queued=self.max_queued_jobs,
         )
 
     @field_validator("data")

@@ -81,6 +81,15 @@ def read_image(path: str | os.PathLike[str]) -> Decoded:
         )
 
 
+def decoded_bytes(path: str | os.PathLike[str]) -> int:
+    """Return the size of an image once it is decoded, from its header alone.
+
+    Raises ImageError if there is no header, or it tells of more than can be read.
+    """
+    with _opened(os.fspath(path)) as source:
+        return int(source.spec().image_bytes())
+
+
 class ColorImage(NamedTuple):
     """An image as (H, W, 3) colour, as stored."""
 

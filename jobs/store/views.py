@@ -15,6 +15,7 @@ from matiere.jobs.job import (
     AGEING_S,
     ARTIFACT_MEDIA_TYPES,
     IMAGES,
+    LIVE_STATES,
     RENDERED,
     Job,
     JobError,
@@ -142,6 +143,14 @@ def counts(c: Connection) -> dict[str, int]:
     """Return the number of jobs in every state."""
     rows = c.execute(sa.select(job.c.state, sa.func.count()).group_by(job.c.state)).all()
     return {s.value: 0 for s in JobState} | {r[0]: r[1] for r in rows}
+
+
+def live(c: Connection) -> int:
+    """Return how many jobs have not ended, the cells that are no jobs yet among them."""
+    waiting = sa.select(sa.func.sum(sweep.c.cells - sweep.c.expanded)).where(~sweep.c.cancelled)
+    states = [state.value for state in LIVE_STATES]
+    jobs = sa.select(sa.func.count()).select_from(job).where(job.c.state.in_(states))
+    return int(c.scalar(jobs) or 0) + int(c.scalar(waiting) or 0)
 
 
 def _jobs(c: Connection, query: sa.Select[Any]) -> list[Job]:

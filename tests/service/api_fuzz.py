@@ -1,8 +1,8 @@
 """Schemathesis against a real `matiere serve`: renders paused, a small queue, every open recorded.
 
-Cases are made from the served OpenAPI document, half of them right by the schema and half wrong;
-of the right submissions some have parts put into an example, so that they reach the queue. A file of
-audit records, written by every Python process of the service, tells what was opened.
+Cases are made from the served OpenAPI document, half of them right by the schema and half wrong; of
+the right submissions some have parts put into an example, so that they reach the queue. An audit
+hook in every Python process of the service notes what is opened.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import sys
 import sysconfig
 import time
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -135,7 +135,9 @@ def roots(folder: Path) -> tuple[str, ...]:
 def read_opens(folder: Path, result: Result) -> None:
     """Note which paths were opened, and those outside the roots."""
     allowed = roots(folder)
-    imports = {os.path.realpath(entry or ".") for entry in sys.path}  # listed by the importer
+    imports = {
+        os.path.realpath(entry or ".") for entry in (*sys.path, ".")
+    }  # listed by the importer
     for path in (folder / "opens").iterdir():
         result.processes += 1
         for line in path.read_text(encoding="utf-8").splitlines():
@@ -155,12 +157,20 @@ class Fuzzer:
         self.url, self.start = url, start
         self.process = psutil.Process(pid)
         self.result = Result()
+        self.rounds = 0
         self.known: dict[str, list[str]] = {"job_id": [], "sweep_id": [], "sha256": ["0" * 64]}
         self.rng = random.Random(start)
         self.schema = schemathesis.openapi.from_url(url + "/v1/openapi.json")
 
     def run(self, cases: int) -> Result:
-        """Send so many cases, shared between the routes by weight."""
+        """Send so many cases at least, shared between the routes by weight."""
+        while self.result.cases < cases:  # some routes have fewer different cases than their share
+            self.round(cases - self.result.cases)
+            self.rounds += 1
+        return self.result
+
+    def round(self, cases: int) -> None:
+        """Send about so many cases."""
         operations = [found.ok() for found in self.schema.get_all_operations()]
         operations.sort(key=lambda one: -WEIGHTS.get(one.label, 1))  # what makes ids, first
         weights = [WEIGHTS.get(one.label, 1) for one in operations]
@@ -168,16 +178,15 @@ class Fuzzer:
             each = -(-cases * weight // (2 * sum(weights)))
             for mode in (GenerationMode.POSITIVE, GenerationMode.NEGATIVE):
                 self.some(operation, mode, max(each, 1), 2 * number)
-            if number == 1:
+            if self.rounds == 0 and number == 1:
                 self.result.rss_bytes.clear()  # what came before was its warming up
             self.result.rss_bytes.append(self.process.memory_info().rss)
-        return self.result
 
     def some(self, operation: Any, mode: GenerationMode, cases: int, number: int) -> None:
         """Send cases of one route."""
         left = [cases]
 
-        @seed(1000 * self.start + number)
+        @seed(10_000 * self.start + 100 * self.rounds + number)
         @settings(
             max_examples=cases,
             database=None,
@@ -189,7 +198,10 @@ class Fuzzer:
         def send(case: Any) -> None:
             if left[0] > 0:
                 left[0] -= 1
-                self.send(operation, case, mode)
+                try:
+                    self.send(operation, case, mode)
+                except Exception as error:  # a connection cut, no answer in time
+                    self.result.faults.append(f"{operation.label}: {error!r}")
 
         while left[0] > 0:  # a route with few different cases gives fewer than asked for
             before = left[0]
@@ -223,9 +235,10 @@ class Fuzzer:
             return body
         made = copy.deepcopy(self.rng.choice(list(BODIES[route].values()))["value"])
         places = [(made, body)]
-        for inner in ("scene", "base"):
-            if isinstance(body.get(inner), Mapping) and inner in made:
-                places.append((made[inner], dict(body[inner])))
+        shared = [
+            key for key in ("scene", "base") if key in made and isinstance(body.get(key), dict)
+        ]
+        places += [(made[key], body[key]) for key in shared]
         holder, given_parts = self.rng.choice(places)
         parts = [key for key in given_parts if key not in ("scene", "base", "version")]
         for key in self.rng.sample(parts, min(len(parts), self.rng.randint(0, 2))):
@@ -249,7 +262,7 @@ class Fuzzer:
         """Return what is wrong with an answer."""
         status = answer.status_code
         kind = answer.headers.get("content-type", [""])[0]
-        about = f"{status} {kind} {answer.text[:600]}"
+        about = f"{status} {kind} {answer.content[:600]!r}"
         if status >= 500 and not (status == 503 and operation.path == READY):
             return about
         if status < 400:
@@ -269,6 +282,33 @@ class Fuzzer:
         return None if right else about
 
 
+def ask_for_secrets(url: str, folder: Path) -> list[str]:
+    """Submit scenes that name files outside the assets; return what was not refused."""
+    import httpx
+
+    secret = folder / "secret.png"
+    secret.write_bytes(b"not an image, and not for you")
+    assets = folder / "data" / "assets"
+    assets.mkdir(exist_ok=True)
+    (assets / "link.png").symlink_to(secret)
+    (assets / "folder").symlink_to(folder)
+    names = ["../secret.png", "../../secret.png", str(secret), f"file://{secret}", "link.png",
+             "folder/secret.png", "./link.png", "a/../../../secret.png", "..%2f..%2fsecret.png",
+             "/proc/self/root" + str(secret), "http://127.0.0.1/x.png"]  # fmt: skip
+    taken = []
+    for name in names:
+        for part in ({"environment": {"file": name}}, {"textures": {"wood": {"file": name}}}):
+            scene = copy.deepcopy(BODIES["POST /v1/jobs"]["smallest"]["value"]["scene"]) | part
+            if "textures" in part:
+                scene["materials"]["ball"]["albedo"] = {"texture": "wood"}
+            answer = httpx.post(
+                f"{url}/v1/jobs", json={"scene": scene}, timeout=60, trust_env=False
+            )
+            if answer.status_code != 422:
+                taken.append(f"{name}: {answer.status_code} {answer.text[:300]}")
+    return taken
+
+
 def fuzz(folder: Path, cases: int, start: int = 1) -> Result:
     """Serve, send so many cases, and return what came of it."""
     import httpx
@@ -279,6 +319,7 @@ def fuzz(folder: Path, cases: int, start: int = 1) -> Result:
             assert time.monotonic() < end, "not ready"
             time.sleep(0.1)
         result = Fuzzer(url, serving.pid, start).run(cases)
+        result.faults += ask_for_secrets(url, folder)
         alive = httpx.get(f"{url}/healthz", trust_env=False)
         assert alive.status_code == 200
         serving.stop()

@@ -91,7 +91,7 @@ def command(
     environ: Mapping[str, str] | None = None,
     code: str | None = None,
 ) -> Iterator[Serving]:
-    """Run a `matiere` command (by `code` of one's own); it is killed at the end if it still runs."""
+    """Run a `matiere` command (through `code`, if given); it is killed if it still runs."""
     environment = {**os.environ, **(environ or {})}
     if quick and code is None:
         paths = [str(JOBS_TESTS), environment.get("PYTHONPATH", "")]

@@ -59,6 +59,11 @@ def load_mesh(shape: MeshShape, assets: AssetRoot, files: Files) -> list[PlacedM
     return placed
 
 
+def count_triangles(shape: MeshShape, assets: AssetRoot, files: Files) -> int:
+    """Return how many triangles a shape has; raise as `load_mesh` for a file that is not right."""
+    return sum(len(part.triangles) for part in _parts(shape, assets, files))
+
+
 def _parts(shape: MeshShape, assets: AssetRoot, files: Files) -> list[Part]:
     if shape.file is None:
         assert shape.positions is not None and shape.triangles is not None
