@@ -110,9 +110,10 @@ def open_engine(
     films above `max_film_bytes` (an eighth of the memory) are refused, as is what is above
     `limits`. A child that uses more than `child_memory_bytes`, or works on one claim for more than
     `claim_limit_s`, is killed, which counts as a failed attempt (`memory_limit`, `time_limit`); by
-    default only all children together have a limit, three quarters of the memory. With `executor="ray"` claims are rendered
-    by the Ray cluster at `ray_address` (none: the one this machine is part of), at most `children`
-    at once if that is given. `work` names the module that renders; only tests give another.
+    default only all children together have a limit, three quarters of the memory. With
+    `executor="ray"` claims are rendered by the Ray cluster at `ray_address` (none: the one this
+    machine is part of), at most `children` at once if that is given. `work` names the module that
+    renders; only tests give another.
     """
     child = (child_memory_bytes or 0, claim_limit_s)
     cluster = cluster_of(executor, ray_address, children, *child)

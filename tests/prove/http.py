@@ -12,11 +12,12 @@ from collections import Counter
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
+sys.path.remove(str(HERE))  # else this file is the standard library's `http`
 sys.path[:0] = [str(HERE.parent / "service"), str(HERE.parent / "support")]
 
 import api_fuzz  # noqa: E402
-from _service import OUT  # noqa: E402
 
+OUT = HERE.parents[1] / "prove-out"
 PART = 1000
 
 
