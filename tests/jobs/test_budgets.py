@@ -136,7 +136,9 @@ def test_a_larger_budget_goes_on_where_the_smaller_ended(engine: Engine) -> None
 
 def test_the_same_samples_give_the_same_bits(engine: Engine, tmp_path: Path) -> None:
     short = run(engine, 1.0, 0.01, chunk_s=0.01)
-    for job in engine.list_jobs(sweep_id=short.id):
+    begun = [job for job in engine.list_jobs(sweep_id=short.id) if job.spp]
+    assert begun  # of a loaded machine the budget may leave some cells without a sample
+    for job in begun:
         scene = {**BASE, "hard": job.parameters["hard"]}
         with open_engine(tmp_path / str(job.cell), children=1, **FAKE) as other:
             alone = other.wait_job(other.submit_job(scene, stop={"spp": job.spp}).id, 400)
