@@ -61,5 +61,8 @@ form?.addEventListener("input", (event) => {
   clearTimeout(timer);
   timer = setTimeout(show, WAIT_MS);
 });
+// The first ball may have met a busy service, before or after this script came.
+if (ball?.complete && !ball.naturalWidth) show();
+else ball?.addEventListener("error", show, { once: true });
 form?.addEventListener("submit", (event) => event.preventDefault());
 ready();
