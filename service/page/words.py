@@ -156,5 +156,6 @@ def reason(stop_reason: str | None) -> str:
         "seconds": "the render time asked for is used",
         "target_error": "the error target is reached",
         "deadline": "its deadline came",
+        "budget": "the render time that its sweep shares is used",
     }
     return words.get(stop_reason or "", stop_reason or "")

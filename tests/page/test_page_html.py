@@ -9,6 +9,9 @@ import httpx
 import pytest
 from page_support import Site
 
+from matiere.jobs.job import JobState
+from matiere.service.page import words
+
 VIEWS = ["/", "/?state=succeeded", "/jobs/{job}", "/jobs/{job}/live", "/submit",
          "/submit?job={job}", "/submit?example=cornell", "/workers", "/workers/live", "/sweeps",
          "/sweeps/{sweep}", "/sweeps/{sweep}/live?rows=1&columns=0", "/nights",
@@ -53,6 +56,10 @@ def test_a_job_tells_its_error_without_script(site: Site) -> None:
     assert '<svg class="plot"' in text and "render time / s" in text
     for name in report["kernel"]["left_out"]:
         assert name.replace("_", " ") in text
+
+
+def test_every_state_has_words() -> None:
+    assert set(words.STATES) == set(JobState)
 
 
 def test_the_list_leaves_out_cells_of_sweeps(site: Site) -> None:
