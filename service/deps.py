@@ -20,6 +20,11 @@ from matiere.service.errors import Problem
 from matiere.service.settings import Settings
 
 MAX_KEY_LENGTH = 200
+# 18 digits: `int` of much longer ones takes time
+_RANGES = re.compile(
+    r"bytes=\s*(\d{1,18}-\d{0,18}|-\d{1,18})(\s*,\s*(\d{1,18}-\d{0,18}|-\d{1,18}))*"
+)
+_RANGE = re.compile(r"(\d*)-(\d*)")
 _ID = re.compile(r"[0-9A-Za-z_-]{1,64}")
 
 
@@ -133,6 +138,20 @@ def decode_cursor(kind: str, cursor: str | None) -> str | None:
     return last_id
 
 
+def check_range(asked: str | None, size: int) -> None:
+    """Refuse a Range that is none, or that lies behind the end, as a problem."""
+    if asked is None:
+        return
+    if not _RANGES.fullmatch(asked.strip()):
+        raise Problem("bad_request", "The Range must be `bytes=first-last`.")
+    for first, last in _RANGE.findall(asked):
+        if first and last and int(last) < int(first):
+            raise Problem("bad_request", "The Range ends before it begins.")
+        if first and int(first) >= size:
+            headers = {"Content-Range": f"bytes */{size}"}
+            raise Problem("range_not_satisfiable", f"The file has {size} bytes.", headers=headers)
+
+
 def file_response(request: Request, artifact: Artifact, filename: str) -> Response:
     """Send an immutable file, or 304 when the client holds it already."""
     etag = f'"{artifact.digest}"'
@@ -140,6 +159,7 @@ def file_response(request: Request, artifact: Artifact, filename: str) -> Respon
     known = [tag.strip() for tag in request.headers.get("if-none-match", "").split(",")]
     if "*" in known or etag in [tag.removeprefix("W/") for tag in known]:
         return Response(status_code=304, headers=headers)
+    check_range(request.headers.get("range"), artifact.size)
     if not artifact.path:  # in an object store
         headers |= {"Content-Length": str(artifact.size)}
         headers |= {"Content-Disposition": f'inline; filename="{filename}"'}

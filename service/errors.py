@@ -118,6 +118,9 @@ CODES: dict[str, Kind] = {
         "The Content-Type is not the one this address takes",
         "Send application/json, or application/octet-stream for assets.",
     ),
+    "range_not_satisfiable": Kind(
+        416, "The file ends before the range begins", "`Content-Range` tells how long it is."
+    ),
     "host_not_allowed": Kind(
         421,
         "The Host header names a host this service does not answer for",

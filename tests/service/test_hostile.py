@@ -309,3 +309,19 @@ def test_security_headers_are_on_every_answer(client: httpx.Client) -> None:
         assert headers["x-content-type-options"] == "nosniff"
         assert headers["content-security-policy"].startswith("default-src 'none'")
         assert "access-control-allow-origin" not in headers
+
+
+@pytest.mark.parametrize(
+    ("asked", "status"),
+    [("bytes=9-1", 400), ("bytes=999999-", 416), ("bytes=-", 400), ("x", 400), ("bytes=-5", 206),
+     ("bytes=0-0", 206), ("bytes=" + "9" * 5000 + "-", 400)],
+)  # fmt: skip
+def test_a_bad_range_is_a_problem(
+    client: httpx.Client, engine: FakeEngine, asked: str, status: int
+) -> None:
+    job = client.post("/v1/jobs", json={"scene": {"version": 1}}).json()["id"]
+    engine.finish(job)
+    answer = client.get(f"/v1/jobs/{job}/image.png", headers={"Range": asked})
+    assert answer.status_code == status
+    if status >= 400:
+        assert answer.headers["content-type"] == "application/problem+json"
