@@ -88,7 +88,7 @@ def test_a_postgresql_store_is_dumped_and_comes_back(tmp_path: Path) -> None:
     with open_engine(tmp_path / "data", database_url=url, **options) as engine:
         job = engine.wait_job(engine.submit_job(SCENE).id, 30)
         made = backup(tmp_path / "data", tmp_path / "copy", database_url=url)
-        assert made.files == 6
+        assert made.files == 7, "film, signature, four images and the report"
     programs = binaries()
     assert programs is not None
     restore = [str(programs / "pg_restore"), "--no-owner", "--dbname", other]

@@ -93,7 +93,7 @@ def test_killed_children_lose_nothing(quiet: dict[int | None, str], tmp_path: Pa
 
 
 def test_a_killed_service_resumes_where_chunks_are_missing(tmp_path: Path) -> None:
-    stop = {"spp": 32, "seconds": 1e6}  # by two rules: not a film that one child renders whole
+    stop = {"spp": 32, "seconds": 6e5}  # by two rules: not a film that one child renders whole
     film = {"width": 80, "height": 64, "render": stop}  # 80 tiles x 6 ranges, 164k samples
     base = SCENE | film | {"chunk_s": 0.004}
     axes = [{"pointer": "/value", "values": [1, 2, 3, 4, 5, 6]}]

@@ -21,7 +21,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Site]:
         yield fill(engine, url)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")  # its event loop may not run on beside tests of other files
 def browser() -> Iterator[Any]:
     """Start Debian's chromium; skip where it is not installed."""
     driver = pytest.importorskip("playwright.sync_api", reason="needs the test group's playwright")
