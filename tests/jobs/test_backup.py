@@ -35,7 +35,7 @@ def test_a_copy_of_a_working_service_goes_on_elsewhere(tmp_path: Path) -> None:
     with open_engine(tmp_path / "data", children=2, **FAKE) as engine:
         done = engine.wait_job(engine.submit_job(SCENE).id, 30)
         slow = engine.submit_job(SLOW, assets=assets(engine))
-        wait_until(lambda: engine.get_job(slow.id).spp > 0)
+        wait_until(lambda: engine.get_job(slow.id).progress > 0)
 
         def meanwhile() -> None:
             """Between store and files the service merges on, and would free what it merged."""
