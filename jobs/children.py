@@ -85,6 +85,7 @@ class Child:
         self._inbox = inbox
         self._outbox: queue.SimpleQueue[bytes | None] = queue.SimpleQueue()
         self._log_path = options.logs / f"{options.name}.log"
+        self._log_start = 0
         self._spawn()
 
     @property
@@ -254,6 +255,8 @@ class Child:
         return "lost", words
 
     def _rotate_log(self) -> None:
+        """Put the log of the child before aside; cut it first, or its whole size would stay."""
+        self._trim_log()
         with contextlib.suppress(OSError):
             if self._log_path.stat().st_size > LOG_BYTES:
                 self._log_path.replace(self._log_path.with_suffix(".log.1"))

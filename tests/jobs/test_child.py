@@ -4,10 +4,14 @@ from __future__ import annotations
 
 import json
 import os
+import queue
 import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
+
+from matiere.jobs import children
 
 
 def test_a_child_imports_no_database_no_service_and_no_engine() -> None:
@@ -70,6 +74,27 @@ def test_a_child_ends_in_the_middle_of_a_render(tmp_path: Path) -> None:
         assert child.wait(5) == 0
         told = [json.loads(line) for line in reports]
         assert [line["op"] for line in told] == ["reading", "reading"], "nothing was done"
+
+
+def test_a_huge_log_that_a_child_left_is_cut_before_the_next_one_writes(tmp_path: Path) -> None:
+    log = tmp_path / "render-1.log"
+    with log.open("wb") as file:
+        file.truncate(10 * children.LOG_BYTES)  # sparse; too quick for the one who trims
+        file.seek(0, os.SEEK_END)
+        file.write(b"the last words\n")
+    options = children.ChildOptions(
+        name="render-1", artifacts=tmp_path, data=tmp_path, logs=tmp_path, work="fake_work",
+        threads=1, slots=1,
+    )  # fmt: skip
+    inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    child = children.Child(options, inbox)
+    assert inbox.get(timeout=30).body["op"] == "hello"
+    child.kill()
+    assert child.wait(10)
+    kept = sum(path.stat().st_size for path in tmp_path.glob("*.log*"))
+    assert kept <= children.LOG_BYTES
+    assert log.with_suffix(".log.1").read_text().endswith("the last words\n")
+    assert "the last words" not in child.log_tail(), "those were another child's"
 
 
 def test_exceptions_are_sorted_into_classes() -> None:
