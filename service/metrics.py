@@ -24,13 +24,13 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 from matiere.jobs import measure
 from matiere.jobs.engine import Engine
 from matiere.jobs.engine_gauges import Gauge
+from matiere.jobs.job import FINAL_STATES
 from matiere.jobs.measure import Measures
 
 FRESH_S = 2.0
 CONTENT_TYPE = "text/plain; version=0.0.4; charset=utf-8"
 OTHER = "other"  # an address without a route
 _BOUNDS = (0.001, 0.0025, 0.005, 0.01, 0.025, 0.05, 0.1, 0.25, 0.5, 1.0, 2.5, 10.0)
-_ENDED = ("succeeded", "failed", "cancelled", "expired")
 
 
 class Metrics:
@@ -192,7 +192,7 @@ def _labelled(name: str, words: str, label: str, values: dict[str, int]) -> Metr
 def _work(m: Measures, gauge: Gauge) -> Iterator[Metric]:
     events, counters = dict(m.events), gauge.counters
     yield _labelled("matiere_jobs_ended", "Jobs that ended, by state", "state",
-                    {state: events.get(state, 0) for state in _ENDED})  # fmt: skip
+                    {state: events.get(state, 0) for state in FINAL_STATES})  # fmt: skip
     yield _labelled("matiere_claims_ended_early", "Claims without a result, by class", "class",
                     dict(m.ended))  # fmt: skip
     yield _labelled("matiere_children_ended", "Children that died, by class", "class",

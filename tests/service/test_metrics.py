@@ -17,6 +17,7 @@ from prometheus_client.parser import text_string_to_metric_families
 from serving import serve
 
 from matiere.jobs import tracing
+from matiere.jobs.job import FINAL_STATES
 from matiere.service.settings import Settings
 
 SCENE = {"width": 16, "height": 16, "value": 0.5, "render": {"spp": 16}}
@@ -73,6 +74,9 @@ def test_a_service_tells_what_it_did(tmp_path: Path, monkeypatch: pytest.MonkeyP
 
     assert done.state == again.state == "succeeded"
     assert value("matiere_jobs_ended_total", state="succeeded") == 2
+    ended = [labels for name, labels in found if name == "matiere_jobs_ended_total"]
+    counted = {dict(labels)["state"] for labels in ended}
+    assert counted == set(FINAL_STATES)
     assert failed.state == "failed" and value("matiere_jobs_ended_total", state="failed") == 1
     assert value("matiere_claims_ended_early_total", **{"class": "signal"}) == 3  # attempts
     assert value("matiere_children_ended_total", **{"class": "signal"}) == 3
