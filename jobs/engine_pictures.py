@@ -78,9 +78,9 @@ class EnginePictures:
     _scheduler: Scheduler
     _album: Album
 
-    def get_job(self, job_id: str) -> Job:
-        """Return a job."""
-        raise NotImplementedError
+    if TYPE_CHECKING:
+
+        def get_job(self, job_id: str) -> Job: ...
 
     def film_picture(
         self,

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from matiere.errors import MatiereError
 
@@ -10,8 +10,9 @@ from matiere.errors import MatiereError
 class StorageCalls:
     """The part of `Client` about storage."""
 
-    def _request(self, method: str, url: str, **more: Any) -> Any:
-        raise NotImplementedError
+    if TYPE_CHECKING:
+
+        def _request(self, method: str, url: str, **more: Any) -> Any: ...
 
     def holdup(self) -> str:
         """Return why the service begins no new work now (`disk_low`, ...), or ""."""
