@@ -172,8 +172,6 @@ class Child:
             return drawing.draw(self.work, self._cells(), request, self.folder)
         if request["op"] == "compare":
             return utility.compare(request, self.folder)
-        if request["op"] == "difference":
-            return utility.make_difference(self.work, self._cells(), request, self.folder)
         if request["op"] == "sheet":
             return utility.make_sheet(self.work, self._cells(), request, self.folder)
         raise ValueError(f"unknown request {request['op']!r}")

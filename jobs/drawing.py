@@ -9,15 +9,12 @@ from __future__ import annotations
 
 import tempfile
 from base64 import b64encode
-from collections.abc import Mapping
 from typing import Any
 
 from matiere.jobs.artifacts import Artifacts, local_file
-from matiere.jobs.cells import Sweeps, film_scene
+from matiere.jobs.cells import Sweeps
 from matiere.jobs.job import JsonDict
-from matiere.jobs.merge import open_film
-
-Opened = tuple[memoryview, JsonDict, JsonDict]
+from matiere.jobs.utility import opened
 
 
 def draw(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
@@ -30,10 +27,10 @@ def draw(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> Jso
             path = local_file(folder, request["image"], scratch)
             return _answer(work.draw_image(str(path), request))
     if what == "film":
-        stored, header, film = _open(sweeps, request, request["film"], folder)
-        return _answer(work.draw_film(stored, header, film))
+        asked = {key: request[key] for key in ("shown", "suffix", "longest")}
+        return _answer(work.draw_film(*opened(sweeps, request["film"] | asked, folder)))
     if what == "difference":
-        a, b = (_open(sweeps, request, request[name], folder) for name in ("a", "b"))
+        a, b = (opened(sweeps, request[name], folder) for name in ("a", "b"))
         picture, report = work.draw_difference(a, b)
         return _answer(picture) | {"report": report}
     raise ValueError(f"unknown picture {what!r}")
@@ -41,14 +38,3 @@ def draw(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> Jso
 
 def _answer(picture: bytes) -> JsonDict:
     return {"picture": b64encode(picture).decode()}
-
-
-def _open(sweeps: Sweeps, request: JsonDict, film: JsonDict, folder: Artifacts) -> Opened:
-    header, stored = open_film(folder, film["film"], film["record"])
-    if "scene" in film:
-        scene: Mapping[str, Any] = film["scene"]
-    else:
-        scene = film_scene(sweeps.get(film["plan"], film["assets"]).scene(film["cell"]))
-    asked = {key: request.get(key) for key in ("shown", "suffix", "longest")}
-    assets = sweeps.located(film["assets"])
-    return stored, header, film | asked | {"scene": scene, "assets": assets}

@@ -39,7 +39,6 @@ from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.cluster.member import cluster_of
 from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
-from matiere.jobs.engine_differences import EngineDifferences
 from matiere.jobs.engine_gauges import Gauges
 from matiere.jobs.engine_nights import EngineNights
 from matiere.jobs.engine_pictures import BREAKDOWNS, Album, EnginePictures
@@ -140,7 +139,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineNights, EngineDifferences, EnginePictures, Feed, Gauges):
+class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(self, data: DataDir, database: Database, options: Options, limits: Limits) -> None:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.errors import Busy, JobNotFound, JobsError, NotReadyYet
-from matiere.jobs.job import Job, JsonDict
+from matiere.jobs.job import Job, JsonDict, Sweep
 from matiere.jobs.store import files, views
 from matiere.jobs.store.files import Blob
 
@@ -82,6 +82,8 @@ class EnginePictures:
 
         def get_job(self, job_id: str) -> Job: ...
 
+        def get_sweep(self, sweep_id: str) -> Sweep: ...
+
     def film_picture(
         self,
         job_id: str,
@@ -114,10 +116,31 @@ class EnginePictures:
         name = [[film["film"], film["record"]] for film in films]
         return self._draw(request, "image/png", ["difference", *name])
 
+    def cell_difference(self, sweep_id: str, cell: int) -> Picture:
+        """Compare a cell of a sweep with its baseline, as `difference_picture` does.
+
+        Raises `JobNotFound` (no such sweep or cell, no baseline, no samples kept), `NotReadyYet`
+        or `Busy`.
+        """
+        sweep = self.get_sweep(sweep_id)
+        if sweep.baseline is None:
+            raise JobNotFound(f"sweep {sweep_id} has no baseline to compare with")
+        if not 0 <= cell < sweep.cells or cell == sweep.baseline:
+            why = "is the baseline" if cell == sweep.baseline else f"is none of {sweep.cells}"
+            raise JobNotFound(f"cell {cell} {why}: it has no difference image")
+        a, b = (self._ended_cell(sweep_id, number) for number in (sweep.baseline, cell))
+        return self.difference_picture(a, b)
+
     def ball_picture(self, material: Mapping[str, Any]) -> Picture:
         """Render a small ball of a material, given as in a scene. Raises SceneValidationError."""
         request = {"what": "ball", "material": dict(material), "root": str(self._data.view({}))}
         return self._draw(request, "image/png", ["ball", request["material"]])
+
+    def _ended_cell(self, sweep_id: str, cell: int) -> str:
+        job = self._db.read(lambda c: views.cell_of(c, sweep_id, cell))
+        if job is None or not job.state.final:
+            raise NotReadyYet(f"cell {cell} of sweep {sweep_id} has not ended")
+        return job.id
 
     def _film(self, job_id: str) -> JsonDict:
         job = self.get_job(job_id)
@@ -125,7 +148,7 @@ class EnginePictures:
         if found is not None:
             return found
         if job.state.final:
-            raise JobNotFound(f"job {job_id} has no samples any more")
+            raise JobNotFound(f"job {job_id} is {job.state} and no samples of it are kept")
         raise NotReadyYet(f"job {job_id} is {job.state.value} and has no samples yet")
 
     def _draw(self, request: JsonDict, kind: str, name: list[Any]) -> Picture:

@@ -170,7 +170,6 @@ ARTIFACT_MEDIA_TYPES: Mapping[str, tuple[str, str]] = {
     "report.json": ("application/json", ".json"),
     "error.svg": ("image/svg+xml", ".svg"),
     "contact-sheet.png": ("image/png", ".png"),
-    "difference.png": ("image/png", ".png"),
     "signature": ("application/octet-stream", ".signature"),
     "night": ("application/octet-stream", ".night"),
     "film": ("application/octet-stream", ".film"),

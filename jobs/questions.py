@@ -88,18 +88,13 @@ class Questions:
         except TimeoutError:
             raise Busy("the service is at other work (merging films, drawing images)") from None
 
-    def difference(self, request: JsonDict) -> JsonDict:
-        """Have the utility child draw how two films differ: `digest`, `size`, or `faults`."""
-        try:
-            return self._ask(DIFFERENCE, request)
-        except TimeoutError:
-            raise Busy("the service is at other work (merging films, drawing images)") from None
-
     def draw(self, request: JsonDict) -> JsonDict:
         """Have the utility child draw a picture (`drawing`); raises Busy when it has no time."""
         if not self._drawing.acquire(blocking=False):
             raise Busy("the service is drawing other pictures", code="too_many_pictures")
         try:
+            if request["what"] == "difference":
+                return self._ask(DIFFERENCE, request)  # of films as large as they may be
             return self._ask(DRAW, request, DRAW_S)
         except TimeoutError:
             why = "the service is at other work (merging films, drawing images)"

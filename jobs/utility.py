@@ -13,6 +13,8 @@ from matiere.jobs.job import JsonDict
 from matiere.jobs.merge import PackCache, open_film
 from matiere.jobs.night import StoredNight, write_page
 
+Opened = tuple[memoryview, JsonDict, JsonDict]
+
 
 def check(work: Any, request: JsonDict) -> JsonDict:
     """Read what a scene refers to before it is queued; raises what is wrong with it."""
@@ -28,8 +30,7 @@ def check_material(work: Any, request: JsonDict) -> JsonDict:
 
 def make_images(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Develop a merged film and store its files; `{"files": {kind: [digest, size]}}`."""
-    header, stored = open_film(folder, request["film"], request["record"])
-    files = work.make_images(stored, header, request | {"scene": _scene(sweeps, request)})
+    files = work.make_images(*opened(sweeps, request, folder))
     return {"files": {kind: list(folder.write([data])) for kind, data in files.items()}}
 
 
@@ -63,17 +64,6 @@ def compare(request: JsonDict, folder: Artifacts) -> JsonDict:
     return {"report": compare_nights(a, b, Options(**request["options"]))}
 
 
-def make_difference(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
-    """Draw how film b differs from film a, replicate by replicate, and store the picture."""
-    films = []
-    for film in (request["a"], request["b"]):
-        header, stored = open_film(folder, film["film"], film["record"])
-        asked = film | {"scene": _scene(sweeps, film), "assets": sweeps.located(film["assets"])}
-        films.append((stored, header, asked))
-    digest, size = folder.write([work.make_difference(*films)])
-    return {"digest": digest, "size": size}
-
-
 def make_sheet(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) -> JsonDict:
     """Draw the contact sheet of a sweep and store it."""
     with tempfile.TemporaryDirectory(prefix="matiere-") as scratch:
@@ -81,12 +71,8 @@ def make_sheet(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) 
         for number, cell in enumerate(request["cells"]):
             image = cell["image"] and str(local_file(folder, cell["image"], scratch))
             if cell["film"] is not None:
-                film = cell["film"]
-                header, stored = open_film(folder, film["film"], film["record"])
                 path = Path(scratch) / f"{number}.png"
-                asked = film | {"scene": _scene(sweeps, film)}
-                asked["assets"] = sweeps.located(film["assets"])
-                path.write_bytes(work.make_picture(stored, header, asked))
+                path.write_bytes(work.make_picture(*opened(sweeps, cell["film"], folder)))
                 image = str(path)
             cells.append(cell | {"image": image})
         data: bytes = work.make_sheet(cells, request)
@@ -94,10 +80,10 @@ def make_sheet(work: Any, sweeps: Sweeps, request: JsonDict, folder: Artifacts) 
     return {"digest": digest, "size": size}
 
 
-def _scene(sweeps: Sweeps, request: JsonDict) -> JsonDict:
-    """Return the scene of a film without output and stop rule."""
-    if "scene" in request:
-        scene: JsonDict = request["scene"]
-        return scene
-    sweep = sweeps.get(request["plan"], request["assets"])
-    return film_scene(sweep.scene(request["cell"]))
+def opened(sweeps: Sweeps, film: JsonDict, folder: Artifacts) -> Opened:
+    """Return a stored film, its header, and what is asked of it with its scene and its files."""
+    header, stored = open_film(folder, film["film"], film["record"])
+    scene = film.get("scene")  # of a cell: the sweep has it
+    if scene is None:  # without output and stop rule
+        scene = film_scene(sweeps.get(film["plan"], film["assets"]).scene(film["cell"]))
+    return stored, header, film | {"scene": scene, "assets": sweeps.located(film["assets"])}

@@ -33,7 +33,7 @@ log = logging.getLogger("matiere.jobs.utility")
 DRAW, DIFFERENCE, DEVELOP, STABILITY, CHECK = -4, -3, -2, -1, 0
 COMPARE, MERGE, IMAGES, NIGHT, SHEET = 1, 2, 3, 4, 5
 NAMES = {
-    DRAW: "draw", DIFFERENCE: "difference",
+    DRAW: "draw", DIFFERENCE: "draw",
     DEVELOP: "images", STABILITY: "stability", CHECK: "check", COMPARE: "compare", MERGE: "merge",
     IMAGES: "images", NIGHT: "night", SHEET: "sheet",
 }  # fmt: skip
@@ -63,7 +63,7 @@ class Question:
     """A request that somebody waits for.
 
     CHECK: of a scene's files, STABILITY: of a material, COMPARE: of two nights, DEVELOP: of the
-    images of an ended cell, DIFFERENCE: of the films of two cells, DRAW: of a picture (`drawing`).
+    images of an ended cell, DRAW: of a picture (`drawing`), DIFFERENCE: of one of two films.
 
     The answer has `faults`, a list that is empty when all went well, and what the child reported.
     """
@@ -361,19 +361,6 @@ class UtilityQueue:
             if job.state is not wanted or film is None:
                 return None
             return self._film_of(c, job, film)
-
-        return self._scheduler.db.read(read)
-
-    def film_request(self, job: Job) -> JsonDict | None:
-        """Describe the stored film of an ended job; None if it is stored no more."""
-
-        def read(c: Any) -> JsonDict | None:
-            if mine := files.find_reference(c, ("job", job.id), "film"):
-                return self._film_of(c, job, mine)
-            film = films.film_of(c, job.id)
-            prefix = files.find_reference(c, ("film", film), "prefix")
-            record = films.stored_record(c, film)
-            return self._film_of(c, job, prefix) | {"record": record} if prefix else None
 
         return self._scheduler.db.read(read)
 

@@ -366,21 +366,6 @@ def _image(film: Film, suffix: str, **options: Any) -> bytes:
         return path.read_bytes()
 
 
-def make_difference(
-    a: tuple[memoryview, JsonDict, JsonDict], b: tuple[memoryview, JsonDict, JsonDict]
-) -> bytes:
-    """Return the PNG of `mt.compare` of two stored films, each as `make_picture` takes one."""
-    from matiere.compare import compare
-    from matiere.imageio import write_image
-
-    found = compare(_film(*a), _film(*b))
-    with tempfile.TemporaryDirectory(prefix="matiere-") as folder:
-        path = Path(folder) / "difference.png"
-        statement = {"matiere:comparison": found.report["statement"]}
-        write_image(path, found.picture(), metadata=statement)
-        return path.read_bytes()
-
-
 def _small(film: Film, view: Mapping[str, Any], longest: int) -> bytes:
     """Return a film as JPEG of at most so many pixels: averaged in linear light, then developed."""
     from matiere.imageio import scene_linear
@@ -441,8 +426,9 @@ def draw_difference(
     from matiere.imageio import Stored, encode, quantise
 
     found = compare(_film(*a), _film(*b))
-    picture = quantise(found.picture(), 8)
-    return encode(Stored(picture, ["R", "G", "B"], {}), ".png", "uint8"), found.report
+    says = {"matiere:comparison": found.report["statement"]}
+    picture = Stored(quantise(found.picture(), 8), ["R", "G", "B"], says)
+    return encode(picture, ".png", "uint8"), found.report
 
 
 BALL_PX, BALL_SPP, BALL_S = 192, 24, 1.5

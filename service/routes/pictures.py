@@ -6,9 +6,10 @@ nothing is stored.
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Query, Request, Response
+from fastapi import APIRouter, Depends, Path, Query, Request, Response
 
 from matiere.errors import MatiereError, SceneValidationError
 from matiere.jobs.engine import Engine
@@ -19,14 +20,25 @@ from matiere.service.deps import EngineDep
 from matiere.service.errors import Problem, problem_of
 from matiere.service.jsonbody import StrictRoute, loads
 from matiere.service.routes.jobs import RETRY_AFTER, find_job, job_file
+from matiere.service.routes.sweeps import find_sweep
 
 router = APIRouter(prefix="/v1", tags=["pictures"], route_class=StrictRoute)
 
-Exposure = Annotated[float | None, Query(ge=-30, le=30, description="stops; default: the job's")]
-View = Annotated[
-    str | None, Query(max_length=200, description="OpenColorIO view; default: the job's")
-]
-Display = Annotated[str | None, Query(max_length=200, description="OpenColorIO display")]
+
+def _shown(
+    exposure: Annotated[
+        float | None, Query(ge=-30, le=30, description="stops; default: the job's")
+    ] = None,
+    view: Annotated[
+        str | None, Query(max_length=200, description="OpenColorIO view; default: the job's")
+    ] = None,
+    display: Annotated[str | None, Query(max_length=200, description="OpenColorIO display")] = None,
+) -> dict[str, Any]:
+    asked = {"exposure": exposure, "view": view, "display": display}
+    return {key: value for key, value in asked.items() if value is not None}
+
+
+ShownDep = Annotated[dict[str, Any], Depends(_shown)]
 JPEG: dict[int | str, dict[str, Any]] = {
     200: {"content": {"image/jpeg": {}}, "description": "The picture"},
     304: {"description": "The client's copy (If-None-Match) is the current one"},
@@ -44,16 +56,13 @@ def preview(
     job_id: str,
     request: Request,
     engine: EngineDep,
-    exposure: Exposure = None,
-    view: View = None,
-    display: Display = None,
+    shown: ShownDep,
     longest: Annotated[int, Query(ge=16, le=4096, description="pixels of the longer edge")] = (
         PREVIEW_PX
     ),
 ) -> Response:
     """The samples so far as a JPEG, at any time once there are some."""
     job = find_job(engine, job_id)
-    shown = _shown(exposure, view, display)
     return _send(request, _film(engine, job, shown, ".jpg", longest), fixed=False)
 
 
@@ -67,13 +76,11 @@ def image_jpg(
     job_id: str,
     request: Request,
     engine: EngineDep,
-    exposure: Exposure = None,
-    view: View = None,
-    display: Display = None,
+    shown: ShownDep,
 ) -> Response:
     """The tonemapped image as a JPEG, through the job's view or another."""
     job = _ended(engine, job_id)
-    return _send(request, _film(engine, job, _shown(exposure, view, display), ".jpg"), fixed=True)
+    return _send(request, _film(engine, job, shown, ".jpg"), fixed=True)
 
 
 @router.get(
@@ -86,12 +93,9 @@ def image_png(
     job_id: str,
     request: Request,
     engine: EngineDep,
-    exposure: Exposure = None,
-    view: View = None,
-    display: Display = None,
+    shown: ShownDep,
 ) -> Response:
     """The tonemapped image; through another exposure or view it is drawn from the film."""
-    shown = _shown(exposure, view, display)
     if not shown:
         return job_file(request, engine, job_id, "image.png")
     return _send(request, _film(engine, _ended(engine, job_id), shown, ".png"), fixed=True)
@@ -102,7 +106,7 @@ def difference(
     job_id: str, engine: EngineDep, against: Annotated[str, Query(max_length=64)]
 ) -> dict[str, Any]:
     """How this job's film differs from an earlier one (`against`), and what of it is no noise."""
-    return _difference(engine, job_id, against).report
+    return _compared(engine, job_id, against).report
 
 
 @router.get(
@@ -115,7 +119,28 @@ def difference_png(
     job_id: str, request: Request, engine: EngineDep, against: Annotated[str, Query(max_length=64)]
 ) -> Response:
     """The signed difference of luminance, the tiles framed that differ by more than noise."""
-    return _send(request, _difference(engine, job_id, against), fixed=True)
+    return _send(request, _compared(engine, job_id, against), fixed=True)
+
+
+@router.get(
+    "/sweeps/{sweep_id}/cells/{cell}/difference.png",
+    response_class=Response,
+    responses=PNG,
+    operation_id="get_cell_difference",
+)
+def cell_difference(
+    sweep_id: str, cell: Annotated[int, Path(ge=0)], request: Request, engine: EngineDep
+) -> Response:
+    """How a cell differs from the sweep's baseline: luminance, with what is noise marked."""
+    sweep = find_sweep(engine, sweep_id)
+    try:
+        made = _difference(lambda: engine.cell_difference(sweep_id, cell))
+    except NotReadyYet as error:
+        links = {"sweep": f"/v1/sweeps/{sweep_id}"}
+        raise Problem(
+            "sweep_not_finished", f"{error}.", headers=RETRY_AFTER, counts=sweep.counts, links=links
+        ) from None
+    return _send(request, made, fixed=True)
 
 
 @router.get("/ball.png", response_class=Response, responses=PNG, operation_id="get_ball")
@@ -134,11 +159,6 @@ def ball(
         raise problem_of(error) from error
     except Busy as error:
         raise _busy(error) from None
-
-
-def _shown(exposure: float | None, view: str | None, display: str | None) -> dict[str, Any]:
-    asked = {"exposure": exposure, "view": view, "display": display}
-    return {key: value for key, value in asked.items() if value is not None}
 
 
 def _ended(engine: Engine, job_id: str) -> Job:
@@ -168,11 +188,15 @@ def _film(
         raise problem_of(error) from error
 
 
-def _difference(engine: Engine, job_id: str, against: str) -> Picture:
+def _compared(engine: Engine, job_id: str, against: str) -> Picture:
     for one in (job_id, against):
         _ended(engine, one)
+    return _difference(lambda: engine.difference_picture(against, job_id))
+
+
+def _difference(draw: Callable[[], Picture]) -> Picture:
     try:
-        return engine.difference_picture(against, job_id)
+        return draw()
     except JobNotFound as error:
         raise Problem("artifact_not_found", f"{error}.") from None
     except Busy as error:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import APIRouter, Path, Query, Request, Response
+from fastapi import APIRouter, Query, Request, Response
 
 from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
@@ -152,29 +152,6 @@ def contact_sheet(sweep_id: str, request: Request, engine: EngineDep) -> Respons
     except JobNotFound:
         raise Problem("artifact_not_found", "The sweep has no contact sheet.") from None
     return deps.file_response(request, artifact, f"{sweep_id}-contact-sheet.png")
-
-
-@router.get(
-    "/{sweep_id}/cells/{cell}/difference.png",
-    response_class=Response,
-    responses={200: {"content": {"image/png": {}}, "description": "The difference image"}},
-    operation_id="get_cell_difference",
-)
-def cell_difference(
-    sweep_id: str, cell: Annotated[int, Path(ge=0)], request: Request, engine: EngineDep
-) -> Response:
-    """How a cell differs from the sweep's baseline: luminance, with what is noise marked."""
-    sweep = find_sweep(engine, sweep_id)
-    try:
-        artifact = engine.difference(sweep_id, cell)
-    except NotReadyYet as error:
-        links = {"sweep": f"/v1/sweeps/{sweep_id}"}
-        raise Problem(
-            "sweep_not_finished", f"{error}.", headers=RETRY_AFTER, counts=sweep.counts, links=links
-        ) from None
-    except JobNotFound as error:
-        raise Problem("artifact_not_found", f"{error}.") from None
-    return deps.file_response(request, artifact, f"{sweep_id}-{cell}-difference.png")
 
 
 def find_sweep(engine: Engine, sweep_id: str) -> Sweep:

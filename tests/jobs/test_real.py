@@ -258,9 +258,9 @@ def test_a_sweep_with_a_baseline_has_difference_images(tmp_path: Path) -> None:
     base = SCENE | {"film": {"width": 24, "height": 20}}
     with open_engine(tmp_path, children=2, **OPTIONS) as engine:
         sweep = engine.wait_sweep(engine.submit_sweep(base, AXES, baseline=1).id, 120)
-        made = engine.difference(sweep.id, 3)
-        assert engine.difference(sweep.id, 3) == made
-        shown = read_image(made.path).pixels[..., :3]
+        made = engine.cell_difference(sweep.id, 3)
+        (tmp_path / "cell.png").write_bytes(made.data)
+        shown = read_image(tmp_path / "cell.png").pixels[..., :3]
         assert shown.shape[1] >= 480 and shown.std() > 0.01
         films = [
             mt.render(mt.load(base | {"materials": base["materials"] | {"ball": ball}}), threads=2)
@@ -274,7 +274,7 @@ def test_a_sweep_with_a_baseline_has_difference_images(tmp_path: Path) -> None:
         assert np.array_equal(shown, alone)
         for cell in (1, 6, -1):
             with pytest.raises(JobNotFound):
-                engine.difference(sweep.id, cell)
+                engine.cell_difference(sweep.id, cell)
         other = engine.wait_sweep(engine.submit_sweep(base, AXES).id, 120)
         with pytest.raises(JobNotFound, match="no baseline"):
-            engine.difference(other.id, 3)
+            engine.cell_difference(other.id, 3)

@@ -90,6 +90,9 @@ def test_two_cells_are_compared_as_the_library_does(site: Site, tmp_path: Path) 
     assert same.json()["identical"]
     drawn = httpx.get(f"{site.url}/v1/jobs/{b}/difference.png", params={"against": a}, timeout=30)
     assert pixels(drawn, tmp_path).shape[2] == 3
+    tag = {"If-None-Match": drawn.headers["etag"]}
+    again = httpx.get(str(drawn.url), headers=tag, timeout=30)
+    assert again.status_code == 304
 
 
 def test_films_of_other_size_are_not_compared(site: Site) -> None:

@@ -281,14 +281,14 @@ class FakeEngine(Engine):
             raise NotReadyYet("not yet")
         return self._file(kind, f"{kind} of {sweep_id}")
 
-    def difference(self, sweep_id: str, cell: int) -> Artifact:
-        """Return the difference image of a cell from the baseline."""
+    def cell_difference(self, sweep_id: str, cell: int) -> Picture:
+        """Return a picture of a cell and the baseline."""
         sweep = self.get_sweep(sweep_id)
         if sweep.baseline is None or not 0 <= cell < sweep.cells or cell == sweep.baseline:
             raise JobNotFound("no difference")
         if not sweep.done:
             raise NotReadyYet("not yet")
-        return self._file("difference.png", f"difference of {cell}")
+        return Picture(f"difference of {cell}".encode(), "image/png", f"tag {cell}")
 
     def _file(self, kind: str, text: str) -> Artifact:
         content = text.encode()
