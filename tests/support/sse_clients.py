@@ -5,6 +5,7 @@ from __future__ import annotations
 import asyncio
 import json
 from dataclasses import dataclass, field
+from itertools import pairwise
 from typing import Any
 
 import httpx
@@ -82,6 +83,14 @@ def truth(base_url: str, address: str) -> list[int]:
             return numbers
         numbers += [event["seq"] for event in page["events"]]
         after = page["last"]
+
+
+def tally(listener: Listener, expected: list[int]) -> tuple[int, int, int]:
+    """Return how many events a listener missed, got again, and got after a later one."""
+    numbers = listener.numbers
+    wanted = {n for n in expected if n > (listener.first or 0)}
+    falls = sum(b < a for a, b in pairwise(numbers))
+    return len(wanted - set(numbers)), len(numbers) - len(set(numbers)), falls
 
 
 def faults(listener: Listener, expected: list[int]) -> list[str]:
