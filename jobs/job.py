@@ -123,6 +123,7 @@ class Job:
     attempt: int = 1  # rises with every requeue
     history: tuple[JsonDict, ...] = ()  # how the attempts before this one ended
     pinned: bool = False  # kept whatever its age
+    target_seconds: float | None = None  # render seconds in all at which target_error is expected
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,8 @@
-"""A small typed client of the HTTP API, used by `matiere submit`, `matiere sweep` and the demo.
+"""The Python client of the HTTP API, `matiere.Client`; the commands use it too.
 
-    with Client("http://127.0.0.1:8470") as client:
+    import matiere as mt
+
+    with mt.Client("http://127.0.0.1:8470") as client:
         job = client.submit("scene.json", stop={"spp": 64})
         job = client.wait(job.id)
         client.fetch(job.id, "image.png", "out.png")
@@ -8,131 +10,65 @@
 Every submission carries an Idempotency-Key, so that a request whose answer was lost on the way is
 sent again without making a second job. Lost connections and 503 are retried for `patience_s`
 seconds, so that a client outlives a restart of the service.
+
+Every call may raise `ServiceError`, when the service refuses it, and `Unreachable`, when no service
+answers.
 """
 
 from __future__ import annotations
 
 import contextlib
-import hashlib
 import os
 import time
 import uuid
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
-from typing import Any
+from typing import Any, Literal, TypeVar
 
 import httpx
-from pydantic import BaseModel, ConfigDict, Field
 
-from matiere.errors import MatiereError
-from matiere.service.budget_status import BudgetStatus
+from matiere.service import client_watch
+from matiere.service.client_files import file_digest, files_of_sweep, local_files, read_scene
 from matiere.service.client_storage import StorageCalls
+from matiere.service.client_views import (
+    JobStatus,
+    ServiceError,
+    ServiceEvent,
+    SweepStatus,
+    Unreachable,
+    refusal,
+)
+
+__all__ = [
+    "DEFAULT_URL",
+    "Client",
+    "FileKind",
+    "JobStatus",
+    "ServiceError",
+    "ServiceEvent",
+    "SweepStatus",
+    "Unreachable",
+    "local_files",
+]
 
 DEFAULT_URL = "http://127.0.0.1:8470"
-ENDED = frozenset({"succeeded", "unfinished", "failed", "cancelled", "expired"})
 POLL_S = (0.05, 1.0)  # first and longest pause between two looks at a job
 PIECE = 2**20
 SUBMIT_TIMEOUT_S = 600.0  # every cell of a large sweep is checked before the answer
 
 _RETRIED = (httpx.ConnectError, httpx.ReadError, httpx.WriteError, httpx.RemoteProtocolError)
+FileKind = Literal["image.png", "image.exr", "report.json", "error.svg", "thumbnail.jpg"]
 _URL_OF_KIND = {"report.json": "report", "error.svg": "error-plot.svg"}
-
-
-class ServiceError(MatiereError):
-    """The service refused a request; `errors` holds a pointer and a message for each bad value."""
-
-    default_code = "service_error"
-
-    def __init__(self, problem: Mapping[str, Any], status: int) -> None:
-        """Keep the problem document `problem`."""
-        errors = [dict(item) for item in problem.get("errors") or []]
-        for item in errors:  # as seen from the scene file, not from the request around it
-            at = str(item.get("pointer", ""))
-            prefix = next((p for p in ("/scene", "/base") if at == p or at.startswith(p + "/")), "")
-            item["pointer"] = at.removeprefix(prefix)
-        lines = [f"{e['pointer']}: {e['message']}".removeprefix(": ") for e in errors]
-        detail = str(problem.get("detail") or f"HTTP status {status}")
-        message = "\n".join(lines) or f"{detail} {problem.get('remedy') or ''}".strip()
-        super().__init__(message, code=str(problem.get("code") or self.default_code))
-        self.status, self.errors, self.problem = status, errors, dict(problem)
-        self.remedy = str(problem.get("remedy") or "")
-
-
-class Unreachable(MatiereError):
-    """No service answers at the URL."""
-
-    default_code = "unreachable"
-
-
-class _View(BaseModel):
-    model_config = ConfigDict(frozen=True, extra="ignore")  # a newer service may say more
-
-
-class JobStatus(_View):
-    """A job as the service last described it."""
-
-    id: str
-    state: str
-    label: str = ""
-    width: int
-    height: int
-    cached: bool = False
-    spp: int
-    stop: dict[str, Any] = Field(default_factory=dict)
-    progress: float
-    seconds: float
-    relmse: float | None = None
-    relmse_interval: tuple[float, float] | None = None
-    stop_reason: str | None = None
-    error: dict[str, Any] | None = None
-    cell: int | None = None
-    parameters: dict[str, Any] = Field(default_factory=dict)
-    priority: int = 50
-    effective_priority: float = 50.0
-    deadline: str | None = None
-    after: list[str] = Field(default_factory=list)
-    waiting_for: int = 0
-    attempt: int = 1
-    history: list[dict[str, Any]] = Field(default_factory=list)
-    links: dict[str, str] = Field(default_factory=dict)
-
-    @property
-    def ended(self) -> bool:
-        """Tell whether nothing more will happen."""
-        return self.state in ENDED
-
-    @property
-    def rendered(self) -> bool:
-        """Tell whether it ended with an image, at its target or where the budget ended."""
-        return self.state == "succeeded" or (
-            self.state == "unfinished" and "image_png" in self.links
-        )
-
-
-class SweepStatus(_View):
-    """A sweep as the service last described it."""
-
-    id: str
-    state: str
-    label: str = ""
-    mode: str = "grid"
-    axes: list[dict[str, Any]]
-    cells: int
-    counts: dict[str, int]
-    columns: int
-    baseline: int | None = None
-    budget: BudgetStatus | None = None
-    links: dict[str, str] = Field(default_factory=dict)
-
-    @property
-    def ended(self) -> bool:
-        """Tell whether every cell has ended."""
-        return sum(n for state, n in self.counts.items() if state in ENDED) == self.cells
+_Status = TypeVar("_Status", JobStatus, SweepStatus)
 
 
 class Client(StorageCalls):
-    """Talks to one service; close it, or use it in a `with` block."""
+    """Talks to one service; close it, or use it in a `with` block.
+
+    It is for one thread at a time. Every call may raise `ServiceError`, with the `code` of
+    docs/http.md, and `Unreachable` after `patience_s` seconds without an answer.
+    """
 
     def __init__(
         self,
@@ -142,7 +78,11 @@ class Client(StorageCalls):
         timeout_s: float = 30.0,
         patience_s: float = 30.0,
     ) -> None:
-        """Connect to `url`, or through a Unix socket when `socket_path` is given."""
+        """Connect to `url`, or through a Unix socket when `socket_path` is given.
+
+        `timeout_s` limits the wait for one answer, `patience_s` how long a service that does not
+        answer is asked again. Nothing is sent before the first call.
+        """
         transport = httpx.HTTPTransport(uds=socket_path) if socket_path else None
         self.url = url.rstrip("/")
         self.patience_s = patience_s
@@ -190,7 +130,7 @@ class Client(StorageCalls):
         `on_upload(name, bytes_sent, bytes_all)` reports progress.
         Raises `ServiceError`, `Unreachable`, and `SceneValidationError` for a file that is no JSON.
         """
-        document, root = _read(scene, asset_root)
+        document, root = read_scene(scene, asset_root)
         body: dict[str, Any] = {"scene": document, "label": label, **_when(deadline, after)}
         answer = self._submit(
             "/v1/jobs", body, document, root, stop, priority, idempotency_key, on_upload
@@ -218,7 +158,7 @@ class Client(StorageCalls):
 
         `language` is the rest of docs/sweep.md: `where`, `overrides`, `baseline`, ...
         """
-        document, root = _read(base, asset_root)
+        document, root = read_scene(base, asset_root)
         body: dict[str, Any] = {
             "base": document,
             "axes": [dict(axis) for axis in axes],
@@ -245,7 +185,7 @@ class Client(StorageCalls):
         on_upload: Callable[[str, int, int], None] | None,
     ) -> Any:
         files = local_files(document, root)
-        files |= _files_of_sweep(body, root)
+        files |= files_of_sweep(body, root)
         body["assets"] = {name: digest for name, (digest, _) in files.items()}
         if stop:
             body["stop"] = dict(stop)
@@ -324,6 +264,26 @@ class Client(StorageCalls):
         answer = self._request("PATCH", f"/v1/jobs/{job_id}", json=change).json()
         return JobStatus.model_validate(answer)
 
+    def watch(
+        self,
+        job_or_sweep: str | JobStatus | SweepStatus,
+        *,
+        after: int | None = None,
+        on_lost: Callable[[str], None] | None = None,
+    ) -> Iterator[ServiceEvent]:
+        """Yield what happens to a job or a sweep, until it has ended.
+
+        The first event is a `snapshot` with its `status`; with `after`, the `seq` of an event seen
+        before, the events since then come first instead. A connection that breaks is made again
+        for `patience_s` seconds, and goes on without gap or repeat, also after a restart of the
+        service; `on_lost(why)` is called once each time. Leaving the loop leaves the job alone.
+        Raises `ServiceError` `not_found` for an unknown id.
+        """
+        status = job_or_sweep
+        if isinstance(status, str):
+            status = client_watch.find(self, status)
+        return client_watch.Follower(self, status, after=after, on_lost=on_lost).events()
+
     def wait(
         self,
         job_id: str,
@@ -331,20 +291,27 @@ class Client(StorageCalls):
         timeout_s: float | None = None,
         on_change: Callable[[JobStatus], None] | None = None,
     ) -> JobStatus:
-        """Return the job once it has ended; raise TimeoutError when the time is up."""
-        for pause in _pauses(timeout_s):
-            job = self.job(job_id)
-            if on_change is not None:
-                on_change(job)
-            if job.ended:
-                return job
-            time.sleep(pause)
-        raise TimeoutError(f"job {job_id} did not end within {timeout_s:g} s")
+        """Return the job once it has ended, however it did; see its `state` and `rendered`.
+
+        `on_change` is called with the job every second or oftener. Raises TimeoutError when
+        `timeout_s` seconds are over; the job goes on.
+        """
+        return _awaited(lambda: self.job(job_id), f"job {job_id}", timeout_s, on_change)
 
     # -- sweeps -------------------------------------------------------------------------------
     def sweep(self, sweep_id: str) -> SweepStatus:
         """Return a sweep."""
         return SweepStatus.model_validate(self._request("GET", f"/v1/sweeps/{sweep_id}").json())
+
+    def wait_sweep(
+        self,
+        sweep_id: str,
+        *,
+        timeout_s: float | None = None,
+        on_change: Callable[[SweepStatus], None] | None = None,
+    ) -> SweepStatus:
+        """Return the sweep once all its cells have ended; otherwise like `wait`."""
+        return _awaited(lambda: self.sweep(sweep_id), f"sweep {sweep_id}", timeout_s, on_change)
 
     def cancel_sweep(self, sweep_id: str) -> SweepStatus:
         """Cancel every live cell of a sweep."""
@@ -387,9 +354,33 @@ class Client(StorageCalls):
         raise TimeoutError("the service had no time to compare the nights")
 
     # -- results ------------------------------------------------------------------------------
-    def fetch(self, job_id: str, kind: str, path: str | os.PathLike[str]) -> Path:
-        """Write `image.png`, `image.exr`, `report.json` or `error.svg` of a job to `path`."""
+    def fetch(self, job_id: str, kind: FileKind, path: str | os.PathLike[str]) -> Path:
+        """Write a file of a job that has ended to `path`, whole or not at all, and return the path.
+
+        Raises `ServiceError`: `job_not_finished`, or `job_not_succeeded` where there is no image.
+        """
         return self._download(f"/v1/jobs/{job_id}/{_URL_OF_KIND.get(kind, kind)}", Path(path))
+
+    def image(
+        self,
+        job_id: str,
+        kind: Literal["png", "jpg", "exr"] = "png",
+        *,
+        exposure: float | None = None,
+        view: str | None = None,
+        display: str | None = None,
+    ) -> bytes:
+        """Return the image of a job that has ended, through another view if one is named.
+
+        `exposure` is in stops, in place of the scene's own. Nothing is rendered again.
+        """
+        given = {"exposure": exposure, "view": view, "display": display}
+        params = {name: str(value) for name, value in given.items() if value is not None}
+        return self._request("GET", f"/v1/jobs/{job_id}/image.{kind}", params=params).content
+
+    def preview(self, job_id: str) -> bytes:
+        """Return the samples so far as JPEG. Raises `ServiceError` while there are none."""
+        return self._request("GET", f"/v1/jobs/{job_id}/preview").content
 
     def fetch_contact_sheet(self, sweep_id: str, path: str | os.PathLike[str]) -> Path:
         """Write the contact sheet of a sweep to `path`, waiting until it is drawn."""
@@ -476,92 +467,18 @@ class Client(StorageCalls):
                 self._reached = True
                 waiting = answer.status_code == 503 or _code(answer) == "idempotency_in_flight"
                 if not waiting or time.monotonic() > deadline:
-                    return _checked(answer)
+                    if answer.status_code >= 400:
+                        raise refusal(answer)
+                    return answer
                 pause = float(answer.headers.get("retry-after", pause))
             time.sleep(min(pause, 5.0))
             pause *= 2
-
-
-def local_files(document: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
-    """Return {name: (SHA-256, path)} of the scene's files that lie below `root`."""
-    from matiere.scene import references
-
-    names = {name for _, name, _ in references.files(document)}
-    return {name: found for name in sorted(names) if (found := _local(name, root)) is not None}
-
-
-def _files_of_sweep(body: Mapping[str, Any], root: Path) -> dict[str, tuple[str, Path]]:
-    """Return the files that a sweep puts into its scenes: by a pointer, or inside values."""
-    names: set[str] = set()
-    called: list[str] = []  # pointers and axis labels whose values are file names
-    sets = body.get("sets") or {}
-    for axis in body.get("axes") or ():
-        pointers = axis.get("pointer")
-        pointers = [pointers] if isinstance(pointers, str) else pointers or []
-        values = axis.get("values") or sets.get(axis.get("set")) or []
-        values = list(values.values()) if isinstance(values, Mapping) else values
-        names |= set(_named_files(values))
-        if any(str(at).endswith("/file") for at in pointers):
-            names |= {name for name in values if isinstance(name, str)}
-            called.append(axis.get("label") or "file")
-    settings = [*(body.get("list") or ()), *(o.get("set", {}) for o in body.get("overrides") or ())]
-    for values in settings:
-        names |= set(_named_files(list(values.values())))
-        for to, name in values.items():
-            if isinstance(name, str) and (to.endswith("/file") or to in called):
-                names.add(name)
-    return {name: found for name in sorted(names) if (found := _local(name, root)) is not None}
-
-
-def _named_files(value: Any) -> Iterator[str]:
-    """Yield what stands under a key `file` anywhere in a value."""
-    if isinstance(value, Mapping):
-        if isinstance(name := value.get("file"), str):
-            yield name
-        value = list(value.values())
-    if isinstance(value, list):
-        for inner in value:
-            yield from _named_files(inner)
-
-
-def _local(name: str, root: Path) -> tuple[str, Path] | None:
-    """Return digest and path of a file below `root`; None for anything else."""
-    try:
-        path = (root / name).resolve(strict=True)
-        if not path.is_relative_to(root.resolve()) or not path.is_file():
-            return None
-        return file_digest(path), path
-    except (OSError, ValueError):  # a name with a NUL, too long, a loop of links ...
-        return None
-
-
-def file_digest(path: Path) -> str:
-    """Return the SHA-256 of a file in lower-case hex."""
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def _when(deadline: float | str | None, after: Sequence[str]) -> dict[str, Any]:
     """Return what was given of these two: an older service knows neither."""
     given = {"deadline": deadline, "after": list(after)}
     return {key: value for key, value in given.items() if value not in (None, [])}
-
-
-def _read(
-    scene: str | os.PathLike[str] | Mapping[str, Any], root: str | os.PathLike[str] | None
-) -> tuple[dict[str, Any], Path]:
-    if isinstance(scene, Mapping):
-        return dict(scene), Path(root or ".")
-    from matiere.errors import Fault, SceneValidationError
-    from matiere.scene import document
-
-    path = Path(scene)
-    plain, faults = document.plain(document.read(path))
-    if not faults and not isinstance(plain, dict):
-        faults = [Fault("", "wrong_type", "a scene is a JSON object: {...}")]
-    if faults:
-        raise SceneValidationError(faults)
-    return plain, Path(root) if root is not None else path.resolve().parent
 
 
 def _pauses(timeout_s: float | None) -> Iterator[float]:
@@ -572,19 +489,25 @@ def _pauses(timeout_s: float | None) -> Iterator[float]:
         pause = min(longest, pause * 1.3)
 
 
+def _awaited(
+    look: Callable[[], _Status],
+    name: str,
+    timeout_s: float | None,
+    on_change: Callable[[_Status], None] | None,
+) -> _Status:
+    for pause in _pauses(timeout_s):
+        status = look()
+        if on_change is not None:
+            on_change(status)
+        if status.ended:
+            return status
+        time.sleep(pause)
+    raise TimeoutError(f"{name} did not end within {timeout_s:g} s")
+
+
 def _code(answer: httpx.Response) -> str:
     if answer.status_code != 409:
         return ""
     with contextlib.suppress(ValueError, AttributeError):
         return str(answer.json().get("code"))
     return ""
-
-
-def _checked(answer: httpx.Response) -> httpx.Response:
-    if answer.status_code < 400:
-        return answer
-    try:
-        problem = answer.json()
-    except ValueError:
-        problem = {"detail": answer.text[:200]}
-    raise ServiceError(problem if isinstance(problem, dict) else {}, answer.status_code)

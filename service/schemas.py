@@ -330,6 +330,9 @@ class JobView(BaseModel):
     relmse_interval: tuple[float, float] | None = Field(description="its 95 % interval")
     stop_reason: str | None
     error: ErrorView | None
+    target_seconds: float | None = Field(
+        description="render seconds in all at which the target error is expected; null if unknown"
+    )
     sweep_id: str | None
     cell: int | None
     parameters: dict[str, Any]
@@ -376,6 +379,7 @@ class JobView(BaseModel):
             relmse=job.relmse,
             relmse_interval=job.relmse_interval,
             stop_reason=job.stop_reason,
+            target_seconds=job.target_seconds,
             error=ErrorView(**vars(error)) if error else None,
             sweep_id=job.sweep_id,
             cell=job.cell,

@@ -21,7 +21,7 @@ from pathlib import Path
 from typing import Any
 
 from matiere.jobs.sheet import PAGE_CELLS, pages
-from matiere.service.client import Client, JobStatus, SweepStatus
+from matiere.service.client import Client, FileKind, JobStatus, SweepStatus
 from matiere.service.sweep_page import Page, html_of
 from matiere.service.sweep_table import Row, csv_text, rows_of, write_parquet
 
@@ -29,7 +29,7 @@ STATE_FILE = ".matiere-sweep.json"
 STATE_VERSION = 1
 PLOT = "error-vs-time.svg"
 SHEET = "contact-sheet.png"
-CELL_FILES = {
+CELL_FILES: dict[str, FileKind] = {
     ".png": "image.png",
     ".exr": "image.exr",
     ".json": "report.json",

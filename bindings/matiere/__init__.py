@@ -23,11 +23,13 @@ _HOMES = {
     "Bsdf": "probe",
     "BsdfSample": "probe",
     "Cancelled": "errors",
+    "Client": "service.client",
     "ColourError": "errors",
     "Comparison": "compare",
     "Film": "film",
     "FilmError": "errors",
     "ImageError": "errors",
+    "JobStatus": "service.client",
     "Lobe": "probe",
     "MatiereError": "errors",
     "MemoryLimitError": "errors",
@@ -37,7 +39,11 @@ _HOMES = {
     "Scene": "scene.scene",
     "SceneModel": "scene.model",
     "SceneValidationError": "errors",
+    "ServiceError": "service.client",
+    "ServiceEvent": "service.client",
     "Signature": "signature",
+    "SweepStatus": "service.client",
+    "Unreachable": "service.client",
     "bsdf": "probe",
     "check": "stability",
     "compare": "compare",
@@ -64,11 +70,13 @@ __all__ = [
     "Bsdf",
     "BsdfSample",
     "Cancelled",
+    "Client",
     "ColourError",
     "Comparison",
     "Film",
     "FilmError",
     "ImageError",
+    "JobStatus",
     "Lobe",
     "MatiereError",
     "MemoryLimitError",
@@ -78,7 +86,11 @@ __all__ = [
     "Scene",
     "SceneModel",
     "SceneValidationError",
+    "ServiceError",
+    "ServiceEvent",
     "Signature",
+    "SweepStatus",
+    "Unreachable",
     "__version__",
     "bsdf",
     "check",
@@ -105,7 +117,13 @@ __all__ = [
 
 def __getattr__(name: str) -> Any:
     if name in _HOMES:
-        value = getattr(import_module(f"matiere.{_HOMES[name]}"), name)
+        try:
+            value = getattr(import_module(f"matiere.{_HOMES[name]}"), name)
+        except ModuleNotFoundError as error:
+            if error.name != "httpx":
+                raise
+            text = f"matiere.{name} needs httpx: pip install 'matiere[client]'"
+            raise ModuleNotFoundError(text, name=error.name) from None
     elif name in _MODULES:
         value = import_module(f"matiere.{name}")
     else:
@@ -156,5 +174,13 @@ if TYPE_CHECKING:
     from matiere.scene.model import SceneModel
     from matiere.scene.scene import Scene
     from matiere.scene.schema import schema
+    from matiere.service.client import (
+        Client,
+        JobStatus,
+        ServiceError,
+        ServiceEvent,
+        SweepStatus,
+        Unreachable,
+    )
     from matiere.signature import Signature, signature
     from matiere.stability import check

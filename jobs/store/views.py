@@ -239,7 +239,16 @@ def _job(
         attempt=r.attempt,
         history=history,
         pinned=bool(r.pinned),
+        target_seconds=_target_seconds(r),
     )
+
+
+def _target_seconds(r: Any) -> float | None:
+    """Return the render seconds in all at which the target error is expected, if that is known."""
+    merged = r.prefix_spp * r.width * r.height
+    if r.ended_spp is not None or not (r.target_share and merged and r.pixel_samples):
+        return None
+    return float(r.seconds * merged / r.pixel_samples / r.target_share)
 
 
 def _progress(r: Any, stop: JsonDict) -> float:

@@ -8,9 +8,14 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from matiere.service.client import Client, JobStatus
+    from matiere.service.client import Client, FileKind, JobStatus
 
-KINDS = {".png": "image.png", ".exr": "image.exr", ".json": "report.json", ".svg": "error.svg"}
+KINDS: dict[str, FileKind] = {
+    ".png": "image.png",
+    ".exr": "image.exr",
+    ".json": "report.json",
+    ".svg": "error.svg",
+}
 
 
 def submit(

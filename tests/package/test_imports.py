@@ -33,6 +33,22 @@ def test_import_alone_loads_nothing_heavy() -> None:
     assert not loaded.intersection(HEAVY + SERVICE)
 
 
+def test_the_client_needs_no_server_and_no_renderer() -> None:
+    loaded = loaded_after("import matiere as mt\nmt.Client('http://127.0.0.1:9').close()")
+    server = ("fastapi", "uvicorn", "sqlalchemy", "matplotlib", "matiere.jobs", "matiere._core")
+    assert "httpx" in loaded and not loaded.intersection(server)
+
+
+def test_a_client_without_httpx_says_what_to_install() -> None:
+    code = (
+        "import sys, matiere as mt\nsys.modules['httpx'] = None\n"
+        "try: mt.Client\n"
+        "except ModuleNotFoundError as error: assert 'matiere[client]' in str(error), error\n"
+        "else: raise AssertionError"
+    )
+    loaded_after(code)
+
+
 def test_render_help_loads_neither_service_nor_images() -> None:
     code = (
         "from matiere.service.cli import main\n"

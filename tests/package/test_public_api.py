@@ -10,11 +10,12 @@ import pytest
 import matiere as mt
 
 PUBLIC = {
-    "AssetChanged", "Bsdf", "BsdfSample", "Cancelled", "ColourError", "Comparison", "Film",
-    "FilmError",
-    "ImageError", "Lobe", "MatiereError",
+    "AssetChanged", "Bsdf", "BsdfSample", "Cancelled", "Client", "ColourError", "Comparison",
+    "Film", "FilmError",
+    "ImageError", "JobStatus", "Lobe", "MatiereError",
     "MemoryLimitError", "ProbeError", "RenderError", "Replay", "Scene", "SceneModel",
-    "SceneValidationError", "Signature",
+    "SceneValidationError", "ServiceError", "ServiceEvent", "Signature", "SweepStatus",
+    "Unreachable",
     "__version__", "bsdf", "check", "chunks", "compare", "denoise",
     "develop", "errors", "film_key", "info",
     "load", "load_film", "loads", "materials", "metals", "read_image",
@@ -50,9 +51,14 @@ def test_errors_have_one_root_code_message_and_pointer() -> None:
         for n in mt.__all__
         if isinstance(getattr(mt, n), type) and issubclass(getattr(mt, n), Exception)
     ]
-    assert len(kinds) == 10
+    assert len(kinds) == 12
     for kind in kinds:
         assert issubclass(kind, mt.MatiereError)
+    problem = {"code": "queue_full", "detail": "1 job waits.", "remedy": "Ask again."}
+    refused = mt.ServiceError(problem, 429)
+    assert (refused.code, refused.status, str(refused)) == (
+        "queue_full", 429, "1 job waits. Ask again.",
+    )  # fmt: skip
     error = mt.ImageError("cannot", pointer="/output")
     assert (error.code, error.message, error.pointer) == ("image_error", "cannot", "/output")
     assert str(error) == "/output: cannot"
@@ -69,3 +75,5 @@ def test_errors_survive_pickling() -> None:
             error.code, error.message, error.pointer,
         )  # fmt: skip
     assert copy.errors == [fault.as_dict()]
+    refused = pickle.loads(pickle.dumps(mt.ServiceError({"code": "gone", "detail": "Why."}, 404)))
+    assert (refused.code, refused.status, refused.message) == ("gone", 404, "Why.")

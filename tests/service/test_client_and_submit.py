@@ -209,7 +209,7 @@ def test_submit_command_without_a_service(
 
 
 def test_files_inside_the_values_of_an_axis_are_sent(tmp_path: Path) -> None:
-    from matiere.service.client import _files_of_sweep
+    from matiere.service.client_files import files_of_sweep
 
     for name in ("a.binary", "b.binary"):
         (tmp_path / name).write_bytes(name.encode())
@@ -226,4 +226,4 @@ def test_files_inside_the_values_of_an_axis_are_sent(tmp_path: Path) -> None:
         {"axes": [{"pointer": file, "label": "of"}], "list": [{"of": f"{x}.binary"} for x in "ab"]},
         {"overrides": [{"when": "x < 1", "set": {ball: values[0], file: "b.binary"}}]},
     ):
-        assert sorted(_files_of_sweep(body, tmp_path)) == ["a.binary", "b.binary"], body
+        assert sorted(files_of_sweep(body, tmp_path)) == ["a.binary", "b.binary"], body
