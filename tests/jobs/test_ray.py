@@ -15,7 +15,7 @@ from matiere.jobs import open_engine
 from matiere.jobs.errors import JobsError
 
 SCRIPT = Path(__file__).with_name("ray_scenes.py")
-proved = pytest.mark.skipif("PROVE_RAY" not in os.environ, reason="minutes: ./dev prove ray")
+proved = pytest.mark.skipif("PROVE_RAY" not in os.environ, reason="minutes: ./dev prove cluster")
 clusters = pytest.mark.skipif(why_not() is not None, reason=str(why_not()))
 
 

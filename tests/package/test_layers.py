@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -224,3 +225,9 @@ except SystemExit as end:
 print()"""
     loaded = _loaded_after(run)
     assert not loaded & {*HEAVY, *SERVER}, loaded & {*HEAVY, *SERVER}
+
+
+def test_no_acceptance_line_hides_a_library_from_the_others() -> None:
+    """Python looks beside the script first: `prove/http.py` would be everybody's `http`."""
+    names = {path.stem for path in (ROOT / "tests" / "prove").glob("*.py")}
+    assert not names & (sys.stdlib_module_names | set(packages_distributions()))

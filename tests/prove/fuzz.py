@@ -1,7 +1,7 @@
 """HTTP: 10,000 cases of Schemathesis, renders paused: no 5xx, problems only, no read outside
 
 Runs in parts of 1,000 cases, each a service and a seed of its own; finished parts are kept below
-prove-out/http and not run again. `--cases N` asks for another number.
+prove-out/fuzz and not run again. `--cases N` asks for another number.
 """
 
 import argparse
@@ -12,7 +12,6 @@ from collections import Counter
 from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
-sys.path.remove(str(HERE))  # else this file is the standard library's `http`
 sys.path[:0] = [str(HERE.parent / "service"), str(HERE.parent / "support")]
 
 import api_fuzz  # noqa: E402
@@ -48,7 +47,7 @@ def main() -> int:
     parser = argparse.ArgumentParser()
     parser.add_argument("--cases", type=int, default=10_000)
     wanted = parser.parse_args().cases
-    folder = OUT / "http"
+    folder = OUT / "fuzz"
     folder.mkdir(parents=True, exist_ok=True)
     whole = api_fuzz.Result(answers=Counter(), rss_bytes=[0])
     number = 0
