@@ -10,7 +10,7 @@ from typing import Any
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs.job import MAX_PRIORITY, MIN_PRIORITY, Job, Sweep
 from matiere.jobs.scheduler import Scheduler
-from matiere.jobs.store import control, jobs
+from matiere.jobs.store import control, jobs, removal
 from matiere.jobs.store.database import Database
 
 
@@ -85,6 +85,19 @@ class Controls(ABC):
         change = lambda c, i: control.set_sweep_priority(c, i, priority)  # noqa: E731
         return self._steer_cells(sweep_id, "priorities_changed", change)
 
+    # -- removal ------------------------------------------------------------------------------
+    def delete_job(self, job_id: str) -> None:
+        """Remove a job with its results, ended or not; its film too, unless another job has it.
+
+        Harmless when it is sent twice. Raises `JobNotFound`, and `DeletionRefused` for a cell of a
+        sweep, a pinned job, and one that another waits for.
+        """
+        self._count("jobs_deleted", self._db.write(removal.delete_job, job_id))
+
+    def delete_sweep(self, sweep_id: str) -> None:
+        """Remove a sweep with its cells, results and night; otherwise as `delete_job`."""
+        self._count("sweeps_deleted", self._db.write(removal.delete_sweep, sweep_id))
+
     # -- inside -------------------------------------------------------------------------------
     def _steer(self, job_id: str, counter: str, action: Callable[[Any, str], Any]) -> Job:
         self._count(counter, self._db.write(lambda c: action(c, job_id)))
@@ -98,6 +111,7 @@ class Controls(ABC):
     def _count(self, counter: str, done: bool | int | list[str]) -> None:
         counters: Counter[str] = self._scheduler.health.counters
         counters[counter] += len(done) if isinstance(done, list) else int(done)
+        self._scheduler.garbage()
         self._scheduler.wake()
 
 

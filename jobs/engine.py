@@ -517,6 +517,7 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
             made = {kind: files.Blob(*blob) for kind, blob in answer["files"].items()}
             self._db.write(lambda c: files.add_references(c, ("job", job_id), made))
             return made
+        self.get_job(job_id)  # raises if it was deleted meanwhile
         fault = answer["faults"][0]
         if fault["code"] == "damaged_file":
             film = self._db.read(lambda c: files.find_reference(c, ("job", job_id), "film"))

@@ -62,6 +62,7 @@ class EngineNights:
             request[name] = {"head": head, "pages": [file.digest for file in files]}
         answer = self._scheduler.compare_nights(request)
         if answer["faults"]:
+            self.night(a), self.night(b)  # raises if one was deleted meanwhile
             first = answer["faults"][0]
             raise JobsError(first["message"], code=first["code"])
         report: JsonDict = answer["report"]

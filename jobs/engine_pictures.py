@@ -104,17 +104,17 @@ class EnginePictures:
         ended, output = self._db.read(lambda c: _image_of(c, job_id))
         if ended is not None:  # just what its certificate is about; a film may have gone on
             request = {"what": "image", "image": ended.digest, "output": output, **how}
-            return self._draw(request, kind, [ended.digest, output, how])
+            return self._draw(request, kind, [ended.digest, output, how], job_id)
         film = self._film(job_id)
         name = [film["film"], film["record"], film["output"], how]
-        return self._draw({"what": "film", "film": film, **how}, kind, name)
+        return self._draw({"what": "film", "film": film, **how}, kind, name, job_id)
 
     def difference_picture(self, a: str, b: str) -> Picture:
         """Compare the films of two jobs (`mt.compare`, b against a): picture and `report`."""
         films = [self._film(a), self._film(b)]
         request = {"what": "difference", "a": films[0], "b": films[1]}
         name = [[film["film"], film["record"]] for film in films]
-        return self._draw(request, "image/png", ["difference", *name])
+        return self._draw(request, "image/png", ["difference", *name], a, b)
 
     def cell_difference(self, sweep_id: str, cell: int) -> Picture:
         """Compare a cell of a sweep with its baseline, as `difference_picture` does.
@@ -151,12 +151,14 @@ class EnginePictures:
             raise JobNotFound(f"job {job_id} is {job.state} and no samples of it are kept")
         raise NotReadyYet(f"job {job_id} is {job.state.value} and has no samples yet")
 
-    def _draw(self, request: JsonDict, kind: str, name: list[Any]) -> Picture:
+    def _draw(self, request: JsonDict, kind: str, name: list[Any], *job_ids: str) -> Picture:
         key = hashlib.sha256(json.dumps(name, sort_keys=True).encode()).hexdigest()
         if (known := self._album.get(key)) is not None:
             return known
         answer = self._scheduler.draw(request)
         if answer["faults"]:
+            for job_id in job_ids:
+                self.get_job(job_id)  # raises if it was deleted meanwhile
             raise _fault(answer["faults"])
         made = Picture(b64decode(answer["picture"]), kind, key[:32], answer.get("report", {}))
         self._album.keep(key, made)

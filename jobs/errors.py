@@ -13,6 +13,7 @@ MatiereError (matiere.errors)
    +- Busy                 too_many_checks      no time for a check or a picture now
    +- Draining             draining             the engine is stopping and takes no new work
    +- IllegalTransition    illegal_transition   a state change outside the table in `job.py`
+   +- DeletionRefused      pinned, ...          what is not deleted as it stands
 """
 
 from __future__ import annotations
@@ -100,3 +101,9 @@ class IllegalTransition(JobsError):
     """A state change that the transition table does not allow."""
 
     default_code = "illegal_transition"
+
+
+class DeletionRefused(JobsError):
+    """Not to be deleted as it stands: `code` is part_of_sweep, pinned or waited_for."""
+
+    default_code = "pinned"

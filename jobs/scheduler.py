@@ -427,8 +427,9 @@ class Scheduler(Questions, threading.Thread):
                 self.on_low_disk()
 
     def _collect(self) -> None:
-        """Unlink files that are marked for it."""
+        """Drop films that were deleted, unlink files that are marked for it."""
         try:
+            self._garbage = self.storage.drop_forgotten(set(self.films))
             if self.db.read(lambda c: files.pending_deletions(c, 1)):
                 self.storage.unlink()
         except OSError as error:

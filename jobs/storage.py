@@ -14,7 +14,7 @@ import os
 import shutil
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
@@ -23,7 +23,7 @@ from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import Busy, JobsError
 from matiere.jobs.job import JsonDict
 from matiere.jobs.rules import Rules
-from matiere.jobs.store import events, files, garbage
+from matiere.jobs.store import events, files, garbage, removal
 from matiere.jobs.store.database import Database
 
 log = logging.getLogger("matiere.jobs.storage")
@@ -32,6 +32,7 @@ DAY_S = 86400.0
 MOST_FILM_BYTES = 50 * 10**9
 SLICE = 200  # rows or files of one transaction
 EVENT_SLICE = 5000
+FORGOTTEN = 5000  # films that are looked at together
 COLLECT_EVERY_S = 600.0
 RECENT_S = 60.0  # a film of use a moment ago is never evicted
 HOLD_WAIT_S = 30.0
@@ -68,6 +69,7 @@ class Storage:
         """Serve an open store; `clock` gives Unix seconds."""
         self._data, self._db, self.rules, self._clock = data, database, rules, clock
         self._busy, self._unlinking = threading.Lock(), threading.Lock()
+        self.alone = False  # no scheduler beside: films are in nobody's hands
 
     # -- usage --------------------------------------------------------------------------------
     def usage(self) -> JsonDict:
@@ -146,6 +148,10 @@ class Storage:
             while self._db.write(garbage.remove_cells, name, old, SLICE):
                 gone = 1
             found.sweeps += gone
+        if self.alone:
+            self.drop_forgotten(())
+        while self._db.write(removal.forget_deletions, unnamed, EVENT_SLICE):
+            pass
         while self._db.write(events.prune, self.rules.events_kept, EVENT_SLICE):
             pass
         while self._db.write(garbage.remove_past_work, old, SLICE):
@@ -164,6 +170,16 @@ class Storage:
         if found.anything:
             log.info("collected %s", asdict(found))
         return found
+
+    def drop_forgotten(self, busy: Collection[int]) -> bool:
+        """Drop films whose jobs were all deleted, but for `busy`; tell whether some are left."""
+        while found := self._db.read(removal.forgotten_films, FORGOTTEN + len(busy)):
+            idle = [film_id for film_id, held in found.items() if film_id not in busy and not held]
+            for start in range(0, len(idle), SLICE):
+                self._db.write(removal.drop_forgotten, idle[start : start + SLICE])
+            if len(idle) < len(found):
+                return True
+        return False
 
     def _beyond_limit(self) -> list[garbage.ColdFilm]:
         """Return the films to evict, the longest unused first."""
@@ -228,7 +244,9 @@ def open_storage(
         database = Database(None if database_url else data.store, database_url)
         try:
             database.has_file = data.artifacts.has
-            yield Storage(data, database, rules)
+            storage = Storage(data, database, rules)
+            storage.alone = True
+            yield storage
         finally:
             database.close()
     finally:

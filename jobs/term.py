@@ -54,6 +54,7 @@ class Term:
                 newest = self._db.read(events.newest)
                 if newest != self._seq:
                     self._seq = newest
+                    scheduler.garbage()
                     scheduler.wake()
             return True
         if self.instance_id:

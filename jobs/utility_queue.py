@@ -18,6 +18,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from matiere.jobs.errors import JobNotFound
 from matiere.jobs.film_work import FilmWork
 from matiere.jobs.job import Job, JobError, JobState, JsonDict
 from matiere.jobs.store import files, films, jobs, nights, views
@@ -94,6 +95,14 @@ class Task:
     question: Question | None = None  # who asked
     seen: tuple[str, ...] = ()  # merges: jobs whose stop rules the request holds
     attempt: int | None = None  # images: the attempt of the job they are of
+
+
+def _asked(task: Task) -> JsonDict | None:
+    """Return what to ask for; None when nobody wants it, or its job or sweep was deleted."""
+    try:
+        return task.request()
+    except JobNotFound:
+        return None
 
 
 class UtilityQueue:
@@ -175,7 +184,7 @@ class UtilityQueue:
             if task.kind == MERGE:
                 film = self._scheduler.films.get(int(task.key))
                 task.old_chunks = film.prefix_chunks if film else 0
-            request = task.request()
+            request = _asked(task)
             if request is None:
                 self._known.discard((task.kind, task.key))
                 continue

@@ -44,3 +44,11 @@ class StorageCalls:
             self._request("POST", f"/v1/sweeps/{name}:{verb}")
             return "sweep"
         return "job"
+
+    def delete(self, job_id: str) -> None:
+        """Remove a job with its results; a live one is cancelled."""
+        self._request("DELETE", f"/v1/jobs/{job_id}")
+
+    def delete_sweep(self, sweep_id: str) -> None:
+        """Remove a sweep with its cells, results and night."""
+        self._request("DELETE", f"/v1/sweeps/{sweep_id}")

@@ -98,6 +98,21 @@ CODES: dict[str, Kind] = {
         "The sweep has no result yet",
         "GET the sweep until `state` is `succeeded`, then ask again.",
     ),
+    "part_of_sweep": Kind(
+        409,
+        "The job is a cell of a sweep",
+        "DELETE the sweep, or POST :cancel to stop this cell alone.",
+    ),
+    "pinned": Kind(
+        409,
+        "What is pinned cannot be deleted",
+        "POST :unpin first, to the job or sweep that is pinned.",
+    ),
+    "waited_for": Kind(
+        409,
+        "Another job waits for this one",
+        "Cancel or delete what waits (`after`) first, or let it end.",
+    ),
     "idempotency_in_flight": Kind(
         409,
         "The first request with this Idempotency-Key is still being accepted",

@@ -94,8 +94,8 @@ def insert_cells(c: Connection, sweep_id: str, first: int, rows: Sequence[Row]) 
     A cell whose film holds enough samples ends at once: its reference is taken here, in the
     transaction of the lookup, so no collector comes between.
     """
-    about = c.execute(sa.select(sweep).where(sweep.c.id == sweep_id)).one()
-    if about.expanded != first or about.cancelled:
+    about = c.execute(sa.select(sweep).where(sweep.c.id == sweep_id)).first()
+    if about is None or about.expanded != first or about.cancelled:
         return False
     request = json.loads(about.request)
     small = [r for r in rows if r.get("small")]

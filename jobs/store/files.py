@@ -17,7 +17,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import JobsError
-from matiere.jobs.store.tables import artifact, reference
+from matiere.jobs.store.tables import artifact, job, reference, sweep
 
 # Owners of results. What only they named waits for the collector; samples go at once.
 LASTING = ("job", "sweep")
@@ -43,9 +43,15 @@ def add_reference(c: Connection, owner: tuple[str, object], kind: str, blob: Blo
 
 
 def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str, Blob]) -> None:
-    """Record files of `owner` by kind, replacing what stood there."""
+    """Record files of `owner` by kind, replacing what stood there.
+
+    Those of a job or sweep that was deleted meanwhile go, unless others name them.
+    """
     sizes = {blob.digest: blob.size for blob in blobs.values()}
     _record(c, sizes)
+    if owner[0] in LASTING and not _is_there(c, owner):
+        mark_unreferenced(c, sizes)
+        return
     place = (reference.c.owner == owner[0]) & (reference.c.owner_id == str(owner[1]))
     place &= reference.c.kind.in_(list(blobs))
     held = {r.kind: r.digest for r in c.execute(sa.select(reference).where(place))}
@@ -56,6 +62,11 @@ def add_references(c: Connection, owner: tuple[str, object], blobs: Mapping[str,
     c.execute(sa.insert(reference), rows)
     if owner[0] not in LASTING:
         mark_unreferenced(c, set(held.values()) - set(sizes))
+
+
+def _is_there(c: Connection, owner: tuple[str, object]) -> bool:
+    table = {"job": job, "sweep": sweep}[owner[0]]
+    return c.scalar(sa.select(table.c.id).where(table.c.id == owner[1])) is not None
 
 
 def _record(c: Connection, sizes: Mapping[str, int]) -> None:

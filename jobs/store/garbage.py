@@ -17,7 +17,7 @@ from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import JobNotFound
 from matiere.jobs.job import JobState, JsonDict
-from matiere.jobs.store import films
+from matiere.jobs.store import films, removal
 from matiere.jobs.store.files import drop_references, unknown
 from matiere.jobs.store.jobs import LIVE
 from matiere.jobs.store.tables import (
@@ -186,15 +186,10 @@ def remove_empty_films(c: Connection, limit: int) -> int:
         reference.c.kind == "prefix",
         reference.c.owner_id == sa.cast(film.c.id, sa.String),
     )
-    rows = sa.select(film.c.id).where(~wanted, ~held).limit(limit)
+    newest = sa.select(sa.func.max(film.c.id)).scalar_subquery()  # its number is never used again
+    rows = sa.select(film.c.id).where(~wanted, ~held, film.c.id < newest).limit(limit)
     found = list(c.execute(rows).scalars())
-    if found:
-        tokens = c.execute(sa.select(attempt.c.id).where(attempt.c.film_id.in_(found))).scalars()
-        drop_references(c, "attempt", [str(token) for token in tokens])
-        c.execute(sa.delete(chunk).where(chunk.c.film_id.in_(found)))
-        c.execute(sa.delete(attempt).where(attempt.c.film_id.in_(found)))
-        drop_references(c, "film", [str(film_id) for film_id in found])
-        c.execute(sa.delete(film).where(film.c.id.in_(found)))
+    removal.drop_films(c, found)
     return len(found)
 
 

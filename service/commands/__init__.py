@@ -17,6 +17,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "pause": ("steer:pause", "Hold jobs or sweeps back; their samples are kept."),
     "resume": ("steer:resume", "Let paused jobs or sweeps go on."),
     "cancel": ("steer:cancel", "Cancel jobs or sweeps."),
+    "delete": ("steer:delete", "Remove jobs or sweeps with their results."),
     "requeue": ("steer:requeue", "Try again what failed, expired or was cancelled."),
     "priority": ("steer:priority", "Change the priority of a job or sweep."),
     "du": ("storage:du", "Print what the data directory holds, and its limits."),

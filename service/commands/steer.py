@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 if TYPE_CHECKING:
-    from matiere.service.client import Client, JobStatus, SweepStatus
+    from matiere.service.client import Client, JobStatus, ServiceError, SweepStatus
 
 Ids = Annotated[list[str], typer.Argument(help="Ids of jobs or sweeps, as they were answered.")]
 Url = Annotated[
@@ -36,6 +36,26 @@ def cancel(ids: Ids, url: Url = None, data: Data = None) -> None:
 def requeue(ids: Ids, url: Url = None, data: Data = None) -> None:
     """Start the next attempt of what failed, expired or was cancelled; samples are kept."""
     _steer("requeue", ids, url, data)
+
+
+def delete(ids: Ids, url: Url = None, data: Data = None) -> None:
+    """Remove jobs or sweeps with their results; what is being rendered is cancelled."""
+    from matiere.service.client import ServiceError
+    from matiere.service.find import client_of
+
+    with client_of(url, data) as client:
+        for name in ids:
+            try:
+                client.delete(name)
+                typer.echo(f"job {name}  deleted")
+            except ServiceError as error:
+                if error.code != "job_not_found":
+                    raise
+                try:
+                    client.delete_sweep(name)
+                except ServiceError as second:
+                    raise _unknown(second, name) from None
+                typer.echo(f"sweep {name}  deleted")
 
 
 def priority(
@@ -82,10 +102,15 @@ def _each(name: str, of_job: Callable[[], JobStatus], of_sweep: Callable[[], Swe
         try:
             sweep = of_sweep()
         except ServiceError as second:
-            if second.code != "sweep_not_found":
-                raise
-            raise ServiceError(
-                {"code": "not_found", "detail": f"no job or sweep has the id {name}"}, 404
-            ) from None
+            raise _unknown(second, name) from None
         counts = ", ".join(f"{n} {state}" for state, n in sweep.counts.items() if n)
         typer.echo(f"sweep {sweep.id}  {counts}")
+
+
+def _unknown(error: ServiceError, name: str) -> ServiceError:
+    """Return what to raise when neither a job nor a sweep has this id."""
+    from matiere.service.client import ServiceError
+
+    if error.code != "sweep_not_found":
+        return error
+    return ServiceError({"code": "not_found", "detail": f"no job or sweep has the id {name}"}, 404)

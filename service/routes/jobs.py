@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Iterator
-from typing import Annotated, Any
+from collections.abc import Callable, Iterator
+from typing import Annotated, Any, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
 
@@ -21,6 +21,7 @@ from matiere.service.schemas import JOB_FILES, Change, JobPage, JobSubmission, J
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"], route_class=StrictRoute)
 
 OWN = ("stop", "priority", "deadline", "after")  # parts of a submission beside the scene
+T = TypeVar("T")
 RETRY_AFTER = {"Retry-After": "2"}
 PAGE = 100
 MAX_PAGE = 1000
@@ -114,6 +115,12 @@ def change_job(job_id: str, change: Change, engine: EngineDep) -> JobView:
     return JobView.of(engine.set_priority(job_id, change.priority))
 
 
+@router.delete("/{job_id}", status_code=204)
+def delete_job(job_id: str, engine: EngineDep) -> None:
+    """Remove a job with its results; a live one is cancelled. Cells go with their sweep."""
+    of_job(job_id, engine.delete_job)
+
+
 @contextlib.contextmanager
 def legal() -> Iterator[None]:
     """Raise `illegal_transition` for a step that the state does not allow."""
@@ -195,9 +202,14 @@ _serve("error.svg", "Plot of the error against run time")
 
 def find_job(engine: Engine, job_id: str) -> Job:
     """Return the job or raise `job_not_found`."""
+    return of_job(job_id, engine.get_job)
+
+
+def of_job(job_id: str, action: Callable[[str], T]) -> T:
+    """Return what `action` gives; raise `job_not_found` for what is no id, or of no job."""
     try:
         if deps.is_id(job_id):
-            return engine.get_job(job_id)
+            return action(job_id)
     except JobNotFound:
         pass
     raise Problem("job_not_found", f"No job has the id {job_id[:80]!r}.")

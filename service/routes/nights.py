@@ -17,7 +17,7 @@ from matiere.service.deps import EngineDep
 from matiere.service.errors import Problem, problem_of
 from matiere.service.jsonbody import StrictRoute
 from matiere.service.routes.jobs import RETRY_AFTER
-from matiere.service.routes.sweeps import find_sweep
+from matiere.service.routes.sweeps import find_sweep, of_sweep
 
 router = APIRouter(prefix="/v1", tags=["nights"], route_class=StrictRoute)
 
@@ -56,6 +56,12 @@ def get_night(sweep_id: str, engine: EngineDep) -> NightView:
     head, pages = _night(engine, sweep_id)
     links = [f"/v1/sweeps/{sweep_id}/night/{number}" for number in range(len(pages))]
     return NightView(**head, pages=links)
+
+
+@router.delete("/sweeps/{sweep_id}/night", status_code=204)
+def delete_night(sweep_id: str, engine: EngineDep) -> None:
+    """Remove a night: it is what its sweep left, so the sweep goes with its cells and results."""
+    of_sweep(sweep_id, engine.delete_sweep)
 
 
 @router.get(

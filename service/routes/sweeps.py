@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+from collections.abc import Callable
+from typing import Annotated, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
 
@@ -34,6 +35,7 @@ from matiere.service.schemas import (
 # Parts of a submission beside the base scene.
 OWN = (*SweepLanguage.model_fields, "stop", "priority", "deadline", "after")
 
+T = TypeVar("T")
 router = APIRouter(prefix="/v1/sweeps", tags=["sweeps"], route_class=StrictRoute)
 
 
@@ -120,6 +122,12 @@ def change_sweep(sweep_id: str, change: Change, engine: EngineDep) -> SweepView:
     return SweepView.of(engine.set_sweep_priority(sweep_id, change.priority))
 
 
+@router.delete("/{sweep_id}", status_code=204)
+def delete_sweep(sweep_id: str, engine: EngineDep) -> None:
+    """Remove a sweep with its cells, results and night; live cells are cancelled."""
+    of_sweep(sweep_id, engine.delete_sweep)
+
+
 @router.get("/{sweep_id}", response_model=SweepView)
 def get_sweep(sweep_id: str, response: Response, engine: EngineDep) -> SweepView:
     """Read a sweep: its axes and how many cells are in which state."""
@@ -156,9 +164,14 @@ def contact_sheet(sweep_id: str, request: Request, engine: EngineDep) -> Respons
 
 def find_sweep(engine: Engine, sweep_id: str) -> Sweep:
     """Return the sweep or raise `sweep_not_found`."""
+    return of_sweep(sweep_id, engine.get_sweep)
+
+
+def of_sweep(sweep_id: str, action: Callable[[str], T]) -> T:
+    """Return what `action` gives; raise `sweep_not_found` for what is no id, or of no sweep."""
     try:
         if deps.is_id(sweep_id):
-            return engine.get_sweep(sweep_id)
+            return action(sweep_id)
     except JobNotFound:
         pass
     raise Problem("sweep_not_found", f"No sweep has the id {sweep_id[:80]!r}.")

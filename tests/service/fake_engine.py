@@ -18,6 +18,7 @@ from matiere.jobs.engine_pictures import Picture
 from matiere.jobs.errors import (
     AssetMismatch,
     Busy,
+    DeletionRefused,
     Draining,
     IdempotencyConflict,
     JobNotFound,
@@ -267,6 +268,18 @@ class FakeEngine(Engine):
             if job.sweep_id == sweep_id:
                 self.cancel_job(job.id)
         return self.get_sweep(sweep_id)
+
+    def delete_job(self, job_id: str) -> None:
+        """Forget a job that is no cell."""
+        if self.get_job(job_id).sweep_id is not None:
+            raise DeletionRefused("the job is a cell", code="part_of_sweep")
+        del self.jobs[job_id]
+
+    def delete_sweep(self, sweep_id: str) -> None:
+        """Forget a sweep and its cells."""
+        self.get_sweep(sweep_id)
+        del self.sweeps[sweep_id]
+        self.jobs = {name: job for name, job in self.jobs.items() if job.sweep_id != sweep_id}
 
     def artifact(self, job_id: str, kind: str) -> Artifact:
         """Return a file of a succeeded job."""

@@ -80,6 +80,38 @@ def test_sweeps_are_steered_as_a_whole(service: tuple[Path, Client]) -> None:
     assert client.cancel_sweep(sweep.id).ended
 
 
+def test_what_is_deleted_is_gone_whatever_it_was_doing(
+    service: tuple[Path, Client], tmp_path: Path
+) -> None:
+    data, client = service
+    job = client.submit(ENDLESS | {"value": 20.0})
+    sweep = client.submit_sweep(ENDLESS, [{"pointer": "/value", "values": [21, 22]}])
+    cell = next(client.jobs(sweep=sweep.id))
+    refused = httpx.delete(f"{client.url}/v1/jobs/{cell.id}")
+    assert (refused.status_code, refused.json()["code"]) == (409, "part_of_sweep")
+    httpx.post(f"{client.url}/v1/jobs/{job.id}:pin")
+    refused = httpx.delete(f"{client.url}/v1/jobs/{job.id}")
+    assert (refused.status_code, refused.json()["code"]) == (409, "pinned")
+    assert refused.json()["remedy"]
+    httpx.post(f"{client.url}/v1/jobs/{job.id}:unpin")
+    json = {"Accept": "application/json"}
+    begun = httpx.get(f"{client.url}/v1/events", headers=json)
+    said = say(data, "delete", job.id, sweep.id)
+    assert f"job {job.id}  deleted" in said and f"sweep {sweep.id}  deleted" in said
+    for path in (f"/v1/jobs/{job.id}", f"/v1/sweeps/{sweep.id}", f"/v1/jobs/{cell.id}"):
+        assert httpx.get(client.url + path).status_code == 404
+    for path in (f"/v1/jobs/{job.id}", f"/v1/sweeps/{sweep.id}", f"/v1/sweeps/{sweep.id}/night"):
+        again = httpx.delete(client.url + path)
+        assert (again.status_code, again.content) == (204, b""), "sent twice it is answered alike"
+    after = {"after": begun.json()["last"]}
+    told = httpx.get(f"{client.url}/v1/events", params=after, headers=json)
+    kinds = [(e["kind"], e["job_id"], e["sweep_id"]) for e in told.json()["events"]]
+    assert ("deleted", job.id, None) in kinds and ("sweep_deleted", None, sweep.id) in kinds
+    assert "no job or sweep has the id nobody" in say(data, "delete", "nobody")
+    for path in ("/v1/jobs/nobody", "/v1/sweeps/..", "/v1/sweeps/nobody/night"):
+        assert httpx.delete(client.url + path).status_code == 404
+
+
 def test_after_and_deadline_travel(service: tuple[Path, Client]) -> None:
     _, client = service
     first = client.submit(ENDLESS | {"value": 6.0})

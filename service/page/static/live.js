@@ -25,6 +25,11 @@ async function update() {
   asked = Date.now();
   try {
     const answer = await fetch(part.dataset.address || location.href, { headers: { Accept: "text/html" } });
+    if (answer.status === 404) {
+      stop();
+      complain(part, "This was deleted.");
+      return;
+    }
     if (!answer.ok) throw new Error(String(answer.status));
     const fresh = new DOMParser().parseFromString(await answer.text(), "text/html");
     const whole = fresh.getElementById("live");
@@ -62,10 +67,17 @@ function stop() {
 export function start() {
   if (!part) return;
   part.addEventListener("click", async (event) => {
-    const button = event.target.closest("[data-step]");
-    if (!button) return;
+    const button = event.target.closest("[data-step], [data-delete]");
+    if (!button || (button.dataset.delete && !window.confirm(button.dataset.ask))) return;
     button.disabled = true;
     try {
+      if (button.dataset.delete) {
+        await ask("DELETE", button.dataset.delete);
+        stop();
+        part.dataset.live = "";
+        location.assign(button.dataset.then);
+        return;
+      }
       await ask("POST", button.dataset.step);
       part.dataset.live = "1";
       listen();
