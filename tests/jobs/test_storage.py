@@ -219,7 +219,7 @@ def test_a_reference_between_marking_and_unlinking_keeps_the_file(shelf: Shelf) 
     shelf.db.write(lambda c: files.drop_reference(c, ("job", job_id)))
     assert shelf.db.write(lambda c: garbage.mark_unnamed(c, shelf.now + 1, 10)) == 1
     again = shelf.blob("image 1")  # a child makes the same image again
-    shelf.db.write(lambda c: files.add_reference(c, ("job", "other"), "image.png", again))
+    shelf.db.write(lambda c: files.add_reference(c, ("job", job_id), "image.png", again))
     shelf.storage.unlink()
     assert shelf.image(1).exists()
 
@@ -231,9 +231,9 @@ def test_a_reference_after_unlinking_is_refused_and_its_file_made_again(shelf: S
     shelf.db.write(lambda c: garbage.mark_unnamed(c, shelf.now + 1, 10))
     assert shelf.storage.unlink() == 1  # ... unlinked before its report arrives
     with pytest.raises(FileGone):
-        shelf.db.write(lambda c: files.add_reference(c, ("job", "other"), "image.png", late))
+        shelf.db.write(lambda c: files.add_reference(c, ("job", job_id), "image.png", late))
     made = shelf.blob("image 1")
-    shelf.db.write(lambda c: files.add_reference(c, ("job", "other"), "image.png", made))
+    shelf.db.write(lambda c: files.add_reference(c, ("job", job_id), "image.png", made))
     assert shelf.image(1).exists()
 
 
@@ -256,7 +256,7 @@ def test_a_collector_killed_after_unlinking_leaves_nothing_wrong(
     assert sorted(row) == ["deleting", "live"], "the row still tells what was begun"
     with pytest.raises(FileGone):
         late = Blob(shelf.image(1).name, 7)
-        shelf.db.write(lambda c: files.add_reference(c, ("job", "other"), "image.png", late))
+        shelf.db.write(lambda c: files.add_reference(c, ("job", job_id), "image.png", late))
     assert shelf.storage.unlink() == 1
 
 
@@ -275,7 +275,7 @@ def test_nothing_is_unlinked_while_a_backup_holds_the_files(shelf: Shelf) -> Non
 def test_a_stranger_that_is_recorded_meanwhile_stays(
     shelf: Shelf, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    late, lost = shelf.blob("late"), shelf.blob("lost")
+    late, lost, owner = shelf.blob("late"), shelf.blob("lost"), shelf.submit(9)
     for blob in (late, lost):
         os.utime(shelf.data.artifacts.path(blob.digest), (1e9, 1e9))
     real, seen = files.unknown, []
@@ -284,7 +284,7 @@ def test_a_stranger_that_is_recorded_meanwhile_stays(
         found = real(c, digests)
         if not seen:  # after the first look, before the transaction that unlinks
             seen.append(1)
-            shelf.db.write(lambda w: files.add_reference(w, ("job", "x"), "image.png", late))
+            shelf.db.write(lambda w: files.add_reference(w, ("job", owner), "image.png", late))
         return found
 
     monkeypatch.setattr(files, "unknown", slow)

@@ -244,7 +244,7 @@ def test_shared_files_stay_while_anyone_refers_to_them(db: Database) -> None:
     assert db.read(files.pending_deletions) == []
     db.write(lambda c: files.drop_reference(c, ("film", 2)))
     assert db.read(files.pending_deletions) == [blob(1).digest]
-    db.write(lambda c: files.add_reference(c, ("job", "z"), "image.png", blob(1)))
+    db.write(lambda c: files.add_reference(c, ("film", 3), "prefix", blob(1)))
     assert db.read(files.pending_deletions) == [], "wanted again before it was unlinked"
 
 
