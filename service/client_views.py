@@ -141,9 +141,14 @@ class SweepStatus(_View):
     links: dict[str, str] = Field(default_factory=dict)
 
     @property
+    def ended_cells(self) -> int:
+        """Return how many cells have ended."""
+        return sum(n for state, n in self.counts.items() if state in ENDED)
+
+    @property
     def ended(self) -> bool:
         """Tell whether every cell has ended."""
-        return sum(n for state, n in self.counts.items() if state in ENDED) == self.cells
+        return self.ended_cells == self.cells
 
 
 class ServiceEvent(_View):

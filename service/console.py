@@ -121,21 +121,6 @@ class Holdup:
 
 
 @contextlib.contextmanager
-def job_progress(label: str, client: Client) -> Iterator[Callable[[JobStatus], None]]:
-    """Show one job; call what this gives at every look."""
-    remaining, holdup = Remaining(), Holdup(client)
-
-    def text(job: JobStatus) -> str:
-        if job.state == "queued":
-            return f"queued{holdup.text()}"
-        left = format_time(remaining.seconds(job.progress))
-        return f"{job.spp} spp  {format_error(job)}  {left} left"
-
-    with live(label) as show:
-        yield lambda job: show(job.progress, 1.0, text(job))
-
-
-@contextlib.contextmanager
 def upload_progress() -> Iterator[Callable[[str, int, int], None]]:
     """Show uploads; call what this gives with name, bytes sent and bytes in all."""
     with contextlib.ExitStack() as stack:
@@ -151,9 +136,9 @@ def upload_progress() -> Iterator[Callable[[str, int, int], None]]:
 
 
 @contextlib.contextmanager
-def live(title: str) -> Iterator[Callable[[float, float, str], None]]:
+def live(title: str, shown: Console | None = None) -> Iterator[Callable[[float, float, str], None]]:
     """Give a function (done, total, text): a live bar on a terminal, else a line now and then."""
-    shown = console()
+    shown = shown or console()
     if not shown.is_terminal:
         last = -PLAIN_PERIOD_S
 

@@ -235,7 +235,7 @@ def _follow(
                 share = sum(job.progress for job in jobs) / max(len(jobs), 1)
             else:
                 jobs = []
-                share = _ended(status) / max(status.cells, 1)
+                share = status.ended_cells / max(status.cells, 1)
             if status.budget is not None:
                 share = 1.0 if status.ended else min(status.budget.share, 0.99)
             left = None if status.ended else remaining.seconds(share)
@@ -246,16 +246,12 @@ def _follow(
             time.sleep(POLL_S)
 
 
-def _ended(status: SweepStatus) -> int:
-    return status.cells - sum(status.counts.get(state, 0) for state in ("queued", "running"))
-
-
 def _line(status: SweepStatus, jobs: list[JobStatus], left: float | None) -> str:
-    parts = [f"{_ended(status)}/{status.cells} cells"]
+    parts = [f"{status.ended_cells}/{status.cells} cells"]
     open_ends = status.counts.get("unfinished", 0)
     if open_ends:
         parts.append(f"{open_ends} unfinished")
-    if bad := _ended(status) - status.counts.get("succeeded", 0) - open_ends:
+    if bad := status.ended_cells - status.counts.get("succeeded", 0) - open_ends:
         parts.append(f"{bad} failed")
     if status.budget is not None:
         parts.append(f"{status.budget.spent_s:.3g} of {status.budget.seconds:g} s spent")

@@ -14,6 +14,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "nightly": ("nightly:nightly", "Run sweeps every night and tell what really changed."),
     "serve": ("serve:serve", "Serve the HTTP API: take jobs and sweeps, render them."),
     "submit": ("submit:submit", "Send a scene to a running service and fetch the image."),
+    "watch": ("watch:watch", "Show how a job or sweep goes on, to its end."),
     "pause": ("steer:pause", "Hold jobs or sweeps back; their samples are kept."),
     "resume": ("steer:resume", "Let paused jobs or sweeps go on."),
     "cancel": ("steer:cancel", "Cancel jobs or sweeps."),

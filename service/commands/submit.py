@@ -106,15 +106,15 @@ def _deadline(text: str | None) -> float | str | None:
 
 
 def _wait(client: Client, job: JobStatus) -> JobStatus:
-    from matiere.service.console import describe, job_progress
+    from matiere.service.console import describe
+    from matiere.service.watching import goes_on, job_progress
 
     try:
         with job_progress(job.label, client) as on_change:
             job = client.wait(job.id, on_change=on_change)
     except KeyboardInterrupt:
         typer.echo(
-            f"job {job.id} goes on at {client.url}; cancel it with\n"
-            f"  matiere cancel {job.id} --url {client.url}",
+            goes_on("job", job.id, client.url),
             err=True,
         )
         raise typer.Exit(130) from None

@@ -16,6 +16,7 @@ from pathlib import Path
 from matiere.service.client import Client
 
 JOBS_TESTS = Path(__file__).resolve().parents[1] / "jobs"
+TIMEOUT_S = 120.0  # on a machine that does much else
 
 # Renders with tests/jobs/fake_work.py: milliseconds, no engine.
 QUICK = (
@@ -50,7 +51,7 @@ class Serving:
         assert self.process.stdout is not None
         self.process.stdout.close()
 
-    def line(self, start: str, timeout_s: float = 30.0) -> str:
+    def line(self, start: str, timeout_s: float = TIMEOUT_S) -> str:
         """Return the rest of the first line that begins with `start`."""
         end = time.monotonic() + timeout_s
         while True:
@@ -64,7 +65,7 @@ class Serving:
 
     def output(self) -> str:
         """Return all that was printed until the end."""
-        while (line := self._queue.get(timeout=30)) is not None:
+        while (line := self._queue.get(timeout=TIMEOUT_S)) is not None:
             self.lines.append(line)
         return "\n".join(self.lines)
 
@@ -78,7 +79,7 @@ class Serving:
         """The URL that was printed."""
         return self.line("url ")
 
-    def stop(self, how: signal.Signals = signal.SIGTERM, timeout_s: float = 30.0) -> int:
+    def stop(self, how: signal.Signals = signal.SIGTERM, timeout_s: float = TIMEOUT_S) -> int:
         """Send a signal and return the exit code."""
         self.process.send_signal(how)
         return self.process.wait(timeout_s)
@@ -118,8 +119,8 @@ def serve(data: Path, *more: object, quick: bool = True) -> Iterator[tuple[Servi
         command("serve", "--data", data, "--port", 0, *more, quick=quick) as serving,
         Client(serving.url, patience_s=5) as client,
     ):
-        end = time.monotonic() + 30
+        end = time.monotonic() + TIMEOUT_S
         while not client.ready():
-            assert time.monotonic() < end, "not ready within 30 s"
+            assert time.monotonic() < end, "not ready in time"
             time.sleep(0.02)
         yield serving, client

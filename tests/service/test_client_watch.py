@@ -84,7 +84,7 @@ def test_who_leaves_the_loop_leaves_the_job(service: Client) -> None:
     for event in service.watch(job.id):
         assert event.kind == "snapshot"
         break
-    assert service.wait(job.id, timeout_s=60).state == "succeeded"
+    assert service.wait(job.id, timeout_s=120).state == "succeeded"
 
 
 @pytest.mark.parametrize("why", ["busy", "another type", "silence"])
@@ -154,13 +154,13 @@ def test_a_restart_in_the_middle_makes_no_gap_and_no_repeat(tmp_path: Path) -> N
         job = client.submit(slow(chunk_s=0.05, render={"spp": 128}))
         watcher = threading.Thread(target=watch, args=(url, job.id))
         watcher.start()
-        assert begun.wait(60)
+        assert begun.wait(120)
         first.process.kill()
         first.process.wait(10)
     before = len(seen)
     time.sleep(0.3)
     with serve(data, "--port", port, "--children", 1) as (_, client):
-        watcher.join(60)
+        watcher.join(120)
         assert not watcher.is_alive()
         expected = [seq for seq in truth(url, job.links["events"]) if seq > seen[0].seq]
     assert [event.seq for event in seen[1:]] == expected
