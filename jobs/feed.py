@@ -53,6 +53,10 @@ class Feed(ABC):
                 return found
             self._await_change(version, left)
 
+    def history(self, job_id: str, limit: int = 400) -> list[Event]:
+        """Return the newest events of a job, oldest first, without `progress`."""
+        return self._db.read(lambda c: events.read_history(c, job_id, limit))
+
     def event_range(self) -> tuple[int, int]:
         """Return the numbers of the oldest and the newest event that are kept; 0, 0 if none is."""
         return self._db.read(events.kept)

@@ -17,6 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from matiere.canvas import Canvas
+from matiere.log_axis import LogAxis
 
 if TYPE_CHECKING:
     from matiere.film import Film
@@ -37,35 +38,6 @@ MAX_CURVES = 24  # beyond that one band stands for all curves
 MAX_DOTS = 1000
 CROWD_STEPS = 48  # of the band, evenly spaced in the logarithm of time
 FEWEST, FEWEST_SHARE = 3, 0.05  # curves at a time, without which the band has no say there
-
-
-@dataclass(frozen=True)
-class _Axis:
-    """A logarithmic axis from `low` to `high` onto pixels `start` to `end`."""
-
-    low: float
-    high: float
-    start: float
-    end: float
-
-    def at(self, value: float) -> float:
-        share = math.log(value / self.low) / math.log(self.high / self.low)
-        return self.start + share * (self.end - self.start)
-
-    def ticks(self) -> list[tuple[float, bool]]:
-        """Return (value, labelled): 1, 2, 5 on short axes, decades on long ones."""
-        decades = math.log10(self.high / self.low)
-        labelled = (1, 2, 5) if decades <= 2.5 else (1,)
-        found = []
-        for exponent in range(math.floor(math.log10(self.low)), math.ceil(math.log10(self.high))):
-            for digit in range(1, 10):
-                value = digit * 10.0**exponent
-                if self.low <= value <= self.high * (1 + 1e-12):
-                    found.append((value, digit in labelled))
-        top = 10.0 ** math.ceil(math.log10(self.high))
-        if top <= self.high * (1 + 1e-12):
-            found.append((top, True))
-        return found
 
 
 @dataclass(frozen=True)
@@ -112,9 +84,9 @@ def draw_errors(curves: Iterable[Curve], title: str, goal: Goal | None = None) -
         return _crowd(known, points, title)
     ahead = _forecast(known[0][1][-1], goal)
     bands = len(known) <= MAX_BANDS
-    x = _axis([p.seconds for p in points] + ahead[:1], LEFT, WIDTH - RIGHT)
+    x = LogAxis.around([p.seconds for p in points] + ahead[:1], LEFT, WIDTH - RIGHT)
     errors = [v for p in points for v in (p.all() if bands else [p.relmse])]
-    y = _axis(errors + ahead[1:], HEIGHT - BOTTOM, TOP)
+    y = LogAxis.around(errors + ahead[1:], HEIGHT - BOTTOM, TOP)
     beside = len(known) > MAX_INSIDE
     longest = max(len(name) for name, _ in known[:MAX_LEGEND])
     page = Canvas(WIDTH + (int(_key_width(longest)) if beside else 0), HEIGHT)
@@ -131,8 +103,8 @@ def draw_errors(curves: Iterable[Curve], title: str, goal: Goal | None = None) -
 
 def _crowd(known: Sequence[tuple[str, list[_Look]]], points: Sequence[_Look], title: str) -> Canvas:
     """Draw many curves as one: the spread of errors at equal time, and where each curve ends."""
-    x = _axis([p.seconds for p in points], LEFT, WIDTH - RIGHT)
-    y = _axis([p.relmse for p in points], HEIGHT - BOTTOM, TOP)
+    x = LogAxis.around([p.seconds for p in points], LEFT, WIDTH - RIGHT)
+    y = LogAxis.around([p.relmse for p in points], HEIGHT - BOTTOM, TOP)
     page = Canvas(WIDTH, HEIGHT)
     _frame(page, x, y, title, bands=False)
     spread = _spread([looks for _, looks in known], x)
@@ -155,7 +127,7 @@ def _crowd(known: Sequence[tuple[str, list[_Look]]], points: Sequence[_Look], ti
     return page
 
 
-def _spread(curves: Sequence[Sequence[_Look]], x: _Axis) -> list[tuple[float, list[float]]]:
+def _spread(curves: Sequence[Sequence[_Look]], x: LogAxis) -> list[tuple[float, list[float]]]:
     """Return (seconds, quantiles 5, 25, 50, 75, 95 %) of the errors of all curves known then."""
     found = []
     for step in range(CROWD_STEPS + 1):
@@ -215,15 +187,7 @@ def _forecast(last: _Look, goal: Goal | None) -> list[float]:
     return [last.seconds * goal.excess, last.relmse / goal.excess]
 
 
-def _axis(values: Sequence[float], start: float, end: float) -> _Axis:
-    low, high = min(values), max(values)
-    pad = max((high / low) ** 0.04, 1.02)
-    if high / low < 3:  # a single look still gets readable ticks
-        pad = max(pad, math.sqrt(3 * low / high))
-    return _Axis(low / pad, high * pad, start, end)
-
-
-def _frame(page: Canvas, x: _Axis, y: _Axis, title: str, bands: bool) -> None:
+def _frame(page: Canvas, x: LogAxis, y: LogAxis, title: str, bands: bool) -> None:
     page.text((WIDTH / 2, 26), title, size=15)
     for value, labelled in x.ticks():
         at = x.at(value)
@@ -244,7 +208,7 @@ def _frame(page: Canvas, x: _Axis, y: _Axis, title: str, bands: bool) -> None:
 
 
 def _curve(
-    page: Canvas, x: _Axis, y: _Axis, looks: Sequence[_Look], colour: str, band: bool
+    page: Canvas, x: LogAxis, y: LogAxis, looks: Sequence[_Look], colour: str, band: bool
 ) -> None:
     if band:
         spans = [(look.seconds, *look.any_time) for look in looks if look.any_time]
@@ -259,8 +223,8 @@ def _curve(
 
 def _band(
     page: Canvas,
-    x: _Axis,
-    y: _Axis,
+    x: LogAxis,
+    y: LogAxis,
     spans: Sequence[tuple[float, float, float]],
     colour: str,
     opacity: float,
@@ -275,7 +239,7 @@ def _band(
         page.area([(left, top), (right, top), (right, bottom), (left, bottom)], colour, opacity)
 
 
-def _slope(page: Canvas, x: _Axis, y: _Axis, looks: Sequence[_Look]) -> None:
+def _slope(page: Canvas, x: LogAxis, y: LogAxis, looks: Sequence[_Look]) -> None:
     """A line of slope -1 through the geometric middle of all points, clipped to the frame."""
     n = len(looks)
     t0 = math.exp(sum(math.log(p.seconds) for p in looks) / n)
@@ -287,7 +251,7 @@ def _slope(page: Canvas, x: _Axis, y: _Axis, looks: Sequence[_Look]) -> None:
 
 
 def _goal(
-    page: Canvas, x: _Axis, y: _Axis, last: _Look, goal: Goal, ahead: Sequence[float]
+    page: Canvas, x: LogAxis, y: LogAxis, last: _Look, goal: Goal, ahead: Sequence[float]
 ) -> None:
     """Say below the title whether the target is reached, or where it is expected to be."""
     state = "reached" if goal.excess is not None else "no forecast: the error is unknown"

@@ -72,6 +72,17 @@ def emit_all(
         c.execute(sa.insert(event), rows)
 
 
+def read_history(c: Connection, job_id: str, limit: int) -> list[Event]:
+    """Return the newest events of a job but for `progress`, oldest first."""
+    told = (event.c.job_id == job_id) & (event.c.kind != "progress")
+    rows = sa.select(event).where(told).order_by(event.c.seq.desc()).limit(limit)
+    return [_event(r) for r in reversed(c.execute(rows).all())]
+
+
+def _event(r: Any) -> Event:
+    return Event(r.seq, r.time, r.kind, r.job_id, r.sweep_id, json.loads(r.data))
+
+
 def _count(c: Connection, kind: str, times: int, cached: int) -> None:
     """Count for `Measures.events`, which gets it if the transaction is committed."""
     if (happened := c.info.get("happened")) is not None:
@@ -88,7 +99,4 @@ def read_events(
         rows = rows.where(event.c.job_id == job_id)
     if sweep_id is not None:
         rows = rows.where(event.c.sweep_id == sweep_id)
-    return [
-        Event(r.seq, r.time, r.kind, r.job_id, r.sweep_id, json.loads(r.data))
-        for r in c.execute(rows)
-    ]
+    return [_event(r) for r in c.execute(rows)]

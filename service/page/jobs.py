@@ -96,10 +96,10 @@ def _scene(engine: Engine, job_id: str) -> dict[str, Any]:
 
 def _facts(engine: Engine, job: JobView) -> dict[str, Any]:
     """Return what the views of a job show, from its row, its events and its report."""
-    events = engine.events(job_id=job.id, limit=EVENTS)
+    events = engine.history(job.id, EVENTS)
     report = _report(engine, job)
     looks = looks_of(report["log"]) if report else _looks(events)
-    forecast = _forecast(job, events, looks)
+    forecast = _forecast(job, looks)
     target = (job.stop.get("target_error") or {}).get("relmse")
     return {
         "job": job,
@@ -109,7 +109,7 @@ def _facts(engine: Engine, job: JobView) -> dict[str, Any]:
         "looks": looks,
         "forecast": forecast,
         "left": _left(job, forecast),
-        "history": [event for event in events if event.kind != "progress"],
+        "history": events,
         "picture": _picture(job),
         "output_exposure": _output(engine, job).get("exposure", 0.0),
         "shown_views": [] if _output(engine, job).get("config") else SHOWN_VIEWS,
@@ -124,16 +124,12 @@ def _looks(events: list[Event]) -> list[Look]:
     return looks_of([event.data for event in events if event.kind == "look"])
 
 
-def _forecast(job: JobView, events: list[Event], looks: list[Look]) -> Forecast | None:
+def _forecast(job: JobView, looks: list[Look]) -> Forecast | None:
     """Return where a running job is expected to meet its error target."""
-    if job.state.final or not job.stop.get("target_error") or not looks:
-        return None
-    shares = [event.data.get("target_share") for event in events if event.kind == "look"]
-    known = [share for share in shares if share]
-    if not known or known[-1] >= 1:
+    if job.target_seconds is None or not looks or job.target_seconds <= looks[-1].seconds:
         return None
     last = looks[-1]
-    return Forecast(last.seconds / known[-1], last.relmse * known[-1])
+    return Forecast(job.target_seconds, last.relmse * last.seconds / job.target_seconds)
 
 
 def _left(job: JobView, forecast: Forecast | None) -> float | None:

@@ -13,11 +13,11 @@ from typing import Any
 
 from markupsafe import Markup, escape
 
+from matiere.log_axis import LogAxis
 from matiere.service.page import words
 
 WIDTH, HEIGHT = 560, 320
 LEFT, RIGHT, TOP, BOTTOM = 70, 14, 14, 52
-FEWEST_TICKS = 2
 
 
 @dataclass(frozen=True)
@@ -50,32 +50,6 @@ def looks_of(rows: Sequence[Mapping[str, Any]]) -> list[Look]:
     return sorted(found, key=lambda look: look.seconds)
 
 
-@dataclass(frozen=True)
-class _Axis:
-    low: float
-    high: float
-    start: float
-    end: float
-
-    def at(self, value: float) -> float:
-        share = math.log(value / self.low) / math.log(self.high / self.low)
-        return round(self.start + share * (self.end - self.start), 2)
-
-    def ticks(self) -> list[float]:
-        """Return values to label: decades, or 1, 2, 5 where there are few of these."""
-        for digits in ((1,), (1, 3), (1, 2, 5), tuple(range(1, 10))):
-            found = [
-                digit * 10.0**exponent
-                for exponent in range(math.floor(math.log10(self.low)), 40)
-                if 10.0**exponent <= self.high
-                for digit in digits
-                if self.low <= digit * 10.0**exponent <= self.high
-            ]
-            if len(found) >= FEWEST_TICKS:
-                return found
-        return found
-
-
 def error_plot(looks: Sequence[Look], target: float | None, forecast: Forecast | None) -> Markup:
     """Return the plot; `target` is a relMSE to draw as a line. Empty while no error is known."""
     if not looks:
@@ -84,8 +58,8 @@ def error_plot(looks: Sequence[Look], target: float | None, forecast: Forecast |
     errors = [v for look in looks for v in (look.lower, look.upper)]
     errors += [target] if target else []
     errors += [forecast.relmse] if forecast else []
-    x = _axis(times, LEFT, WIDTH - RIGHT)
-    y = _axis(errors, HEIGHT - BOTTOM, TOP)
+    x = LogAxis.around(times, LEFT, WIDTH - RIGHT, margin=0.06)
+    y = LogAxis.around(errors, HEIGHT - BOTTOM, TOP, margin=0.06)
     last = looks[-1]
     text = (
         f"Error against render time: {len(looks)} estimates; the last is relMSE "
@@ -104,23 +78,13 @@ def error_plot(looks: Sequence[Look], target: float | None, forecast: Forecast |
     return Markup("".join(parts))
 
 
-def _axis(values: Sequence[float], start: float, end: float) -> _Axis:
-    low, high = min(values), max(values)
-    pad = max((high / low) ** 0.06, 1.05)
-    if high / low < 3:
-        pad = max(pad, math.sqrt(3 * low / high))
-    return _Axis(low / pad, high * pad, start, end)
-
-
-def _frame(x: _Axis, y: _Axis) -> Iterator[str]:
+def _frame(x: LogAxis, y: LogAxis) -> Iterator[str]:
     bottom, right = HEIGHT - BOTTOM, WIDTH - RIGHT
-    for value in x.ticks():
-        at = x.at(value)
+    for at, value in _labelled(x):
         yield f'<path class="grid" d="M{at} {TOP}V{bottom}"/>'
         yield f'<text class="tick" x="{at}" y="{bottom + 19}" text-anchor="middle">'
         yield f"{_tick(value)}</text>"
-    for value in y.ticks():
-        at = y.at(value)
+    for at, value in _labelled(y):
         yield f'<path class="grid" d="M{LEFT} {at}H{right}"/>'
         yield f'<text class="tick" x="{LEFT - 8}" y="{at + 4}" text-anchor="end">'
         yield f"{_tick(value)}</text>"
@@ -132,26 +96,34 @@ def _frame(x: _Axis, y: _Axis) -> Iterator[str]:
     yield f'transform="rotate(-90 14 {middle})">relMSE</text>'
 
 
-def _reference(x: _Axis, y: _Axis, last: Look) -> Iterator[str]:
+def _labelled(axis: LogAxis) -> Iterator[tuple[float, float]]:
+    return ((_px(axis, value), value) for value, labelled in axis.ticks() if labelled)
+
+
+def _px(axis: LogAxis, value: float) -> float:
+    return round(axis.at(value), 2)
+
+
+def _reference(x: LogAxis, y: LogAxis, last: Look) -> Iterator[str]:
     """A dashed line that falls as 1 / time, as the error of independent samples does."""
     product = last.seconds * last.relmse
     start, end = max(x.low, product / y.high), min(x.high, product / y.low)
     if start < end:
-        a, b = (f"{x.at(t)} {y.at(product / t)}" for t in (start, end))
+        a, b = (f"{_px(x, t)} {_px(y, product / t)}" for t in (start, end))
         yield f'<path class="slope" d="M{a}L{b}"/>'
 
 
-def _curve(x: _Axis, y: _Axis, looks: Sequence[Look]) -> Iterator[str]:
+def _curve(x: LogAxis, y: LogAxis, looks: Sequence[Look]) -> Iterator[str]:
     if len(looks) > 1:
-        upper = [f"{x.at(k.seconds)} {y.at(k.upper)}" for k in looks]
-        lower = [f"{x.at(k.seconds)} {y.at(k.lower)}" for k in reversed(looks)]
+        upper = [f"{_px(x, k.seconds)} {_px(y, k.upper)}" for k in looks]
+        lower = [f"{_px(x, k.seconds)} {_px(y, k.lower)}" for k in reversed(looks)]
         yield f'<path class="band" d="M{"L".join([*upper, *lower])}Z"/>'
-        middle = "L".join(f"{x.at(k.seconds)} {y.at(k.relmse)}" for k in looks)
+        middle = "L".join(f"{_px(x, k.seconds)} {_px(y, k.relmse)}" for k in looks)
         yield f'<path class="curve" d="M{middle}"/>'
     for look in looks:
-        at = x.at(look.seconds)
-        yield f'<path class="bar" d="M{at} {y.at(look.lower)}V{y.at(look.upper)}"/>'
-        yield f'<circle class="dot" cx="{at}" cy="{y.at(look.relmse)}" r="3.5"><title>'
+        at = _px(x, look.seconds)
+        yield f'<path class="bar" d="M{at} {_px(y, look.lower)}V{_px(y, look.upper)}"/>'
+        yield f'<circle class="dot" cx="{at}" cy="{_px(y, look.relmse)}" r="3.5"><title>'
         yield (
             f"{look.spp:,} spp, {words.seconds(look.seconds)}: relMSE {look.relmse:.3g} "
             f"({look.lower:.3g} to {look.upper:.3g})</title></circle>"
@@ -159,15 +131,15 @@ def _curve(x: _Axis, y: _Axis, looks: Sequence[Look]) -> Iterator[str]:
 
 
 def _target(
-    x: _Axis, y: _Axis, last: Look, target: float | None, forecast: Forecast | None
+    x: LogAxis, y: LogAxis, last: Look, target: float | None, forecast: Forecast | None
 ) -> Iterator[str]:
     if target:
-        at = y.at(target)
+        at = _px(y, target)
         yield f'<path class="target" d="M{LEFT} {at}H{WIDTH - RIGHT}"/>'
         yield f'<text class="target-name" x="{LEFT + 6}" y="{at - 6}">target {target:.3g}</text>'
     if forecast:
-        here = f"{x.at(last.seconds)} {y.at(last.relmse)}"
-        there = x.at(forecast.seconds), y.at(forecast.relmse)
+        here = f"{_px(x, last.seconds)} {_px(y, last.relmse)}"
+        there = _px(x, forecast.seconds), _px(y, forecast.relmse)
         yield f'<path class="ahead" d="M{here}L{there[0]} {there[1]}"/>'
         yield f'<circle class="goal" cx="{there[0]}" cy="{there[1]}" r="4.5"><title>expected '
         yield f"after {words.seconds(forecast.seconds)} of rendering</title></circle>"

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 from urllib.parse import urlencode
 
-from fastapi import APIRouter, Query, Response
+from fastapi import APIRouter, Depends, Query, Response
 
 from matiere.jobs.engine import Engine
 from matiere.jobs.job import JobState
@@ -36,29 +36,35 @@ def list_sweeps(
     return html("sweeps.html", "/sweeps", page=page)
 
 
-@router.get("/sweeps/{sweep_id}")
-def sweep_view(
-    sweep_id: str,
-    engine: EngineDep,
+class Shown(NamedTuple):
+    """Which axes of a grid lie across and down it, and at which value the others are held."""
+
+    rows: int | None
+    columns: int | None
+    at: list[int]
+
+
+def _shown(
     rows: Index = None,
     columns: Index = None,
     at: Annotated[list[int] | None, Query(max_length=16)] = None,
-) -> Response:
+) -> Shown:
+    return Shown(rows, columns, at or [])
+
+
+ShownDep = Annotated[Shown, Depends(_shown)]
+
+
+@router.get("/sweeps/{sweep_id}")
+def sweep_view(sweep_id: str, engine: EngineDep, shown: ShownDep) -> Response:
     """Show a sweep: two axes across the grid, the others held at a value each."""
-    return html("sweep.html", "/sweeps", **_facts(engine, sweep_id, (rows, columns), at or []))
+    return html("sweep.html", "/sweeps", **_facts(engine, sweep_id, shown))
 
 
 @router.get("/sweeps/{sweep_id}/live")
-def sweep_live(
-    sweep_id: str,
-    engine: EngineDep,
-    rows: Index = None,
-    columns: Index = None,
-    at: Annotated[list[int] | None, Query(max_length=16)] = None,
-) -> Response:
+def sweep_live(sweep_id: str, engine: EngineDep, shown: ShownDep) -> Response:
     """Show what of a sweep changes, for the script to put in place."""
-    facts = _facts(engine, sweep_id, (rows, columns), at or [])
-    return html("_sweep_live.html", "/sweeps", **facts)
+    return html("_sweep_live.html", "/sweeps", **_facts(engine, sweep_id, shown))
 
 
 @router.get("/sweeps/{sweep_id}/compare")
@@ -72,16 +78,18 @@ def compare_cells(sweep_id: str, engine: EngineDep, cell: Cells = None) -> Respo
     return html("compare.html", "/sweeps", sweep=sweep, a=a, b=b)
 
 
-def _facts(
-    engine: Engine, sweep_id: str, chosen: tuple[int | None, int | None], at: Sequence[int]
-) -> dict[str, Any]:
+def _facts(engine: Engine, sweep_id: str, shown: Shown) -> dict[str, Any]:
     sweep = SweepView.of(api.find_sweep(engine, sweep_id))
     cells = [JobView.of(job) for job in engine.list_jobs(sweep_id=sweep_id, limit=MOST_CELLS)]
     ended = sum(n for state, n in sweep.counts.items() if JobState(state).final)
     axes = _axes(sweep, cells)
-    grid = _grid(axes, cells, _across(axes, chosen), at) if sweep.mode == "grid" and axes else None
-    asked = {"rows": chosen[0], "columns": chosen[1], "at": list(at)}
-    query = urlencode({k: v for k, v in asked.items() if v not in (None, [])}, doseq=True)
+    grid = (
+        _grid(axes, cells, _across(axes, shown[:2]), shown.at)
+        if sweep.mode == "grid" and axes
+        else None
+    )
+    asked = {k: v for k, v in shown._asdict().items() if v not in (None, [])}
+    query = urlencode(asked, doseq=True)
     return {
         "sweep": sweep, "cells": cells, "grid": grid, "axes": axes, "ended": ended,
         "query": f"?{query}" if query else "",

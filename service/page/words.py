@@ -91,9 +91,12 @@ def ago(when: datetime | float | None) -> str:
         return ""
     then = when.timestamp() if isinstance(when, datetime) else when
     passed = time.time() - then
-    if passed < 5:
+    if abs(passed) < 5:
         return "just now"
-    return f"{seconds(passed)} ago" if passed >= 0 else f"in {seconds(-passed)}"
+    units = ((2 * DAY, DAY, "days"), (HOUR, HOUR, "h"), (MINUTE, MINUTE, "min"), (0, 1.0, "s"))
+    size, name = next((size, name) for least, size, name in units if abs(passed) >= least)
+    told = f"{int(abs(passed) / size)} {name}"  # nobody counts the seconds of a minute ago
+    return f"{told} ago" if passed >= 0 else f"in {told}"
 
 
 def stop_rule(stop: Mapping[str, Any]) -> str:

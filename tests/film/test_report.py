@@ -130,11 +130,12 @@ def test_many_curves_become_their_spread() -> None:
 
 
 def test_the_spread_lies_between_the_curves() -> None:
-    from matiere.plot import _axis, _points, _spread
+    from matiere.log_axis import LogAxis
+    from matiere.plot import _points, _spread
 
     logs = [_points(curve(12, 0.1 * 2**i)) for i in range(-2, 3)]
     times = [look.seconds for looks in logs for look in looks]
-    spread = [(t, q) for t, q in _spread(logs, _axis(times, 0, 100)) if 0.4 <= t <= 51]
+    spread = [(t, q) for t, q in _spread(logs, LogAxis.around(times, 0, 100)) if 0.4 <= t <= 51]
     assert len(spread) > 20
     for t, q in spread:  # every curve is 0.5 * start / t; the starts are 0.1 times 1/4 to 4
         assert q == pytest.approx([0.05 * 2.0**i / t for i in range(-2, 3)])

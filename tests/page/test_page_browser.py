@@ -112,6 +112,24 @@ def test_axes_of_a_sweep_are_switched_and_cells_compared(page: Any, site: Site) 
     assert drawn > 100
 
 
+def test_a_thumbnail_that_met_a_busy_service_comes_later(page: Any, site: Site) -> None:
+    asked: list[str] = []
+
+    def answer(route: Any) -> None:
+        asked.append(route.request.url)
+        if len(asked) == 1:
+            route.fulfill(status=429, json={"detail": "busy"})
+        else:
+            route.continue_()
+
+    page.route(f"**/{site.job}/thumbnail.jpg", answer)
+    page.goto("/")
+    page.wait_for_function(
+        f"() => document.querySelector('#job-{site.job} img')?.naturalWidth > 0", timeout=60_000
+    )
+    assert len(asked) == 2
+
+
 def test_the_ball_follows_its_sliders(page: Any) -> None:
     page.goto("/materials/conductor")
     ball = page.locator("#ball")

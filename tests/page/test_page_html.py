@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import time
 from html import unescape
 
 import httpx
@@ -56,6 +57,21 @@ def test_a_job_tells_its_error_without_script(site: Site) -> None:
     assert '<svg class="plot"' in text and "render time / s" in text
     for name in report["kernel"]["left_out"]:
         assert name.replace("_", " ") in text
+
+
+def test_the_newest_looks_of_a_long_job_are_told(site: Site) -> None:
+    whole = [event for event in site.engine.events(job_id=site.job) if event.kind != "progress"]
+    assert len(whole) > 3 and site.engine.history(site.job) == whole
+    assert site.engine.history(site.job, 2) == whole[-2:], "not the oldest"
+
+
+@pytest.mark.parametrize(
+    ("passed", "told"),
+    [(1, "just now"), (50, "50 s ago"), (65, "1 min ago"), (306, "5 min ago"), (7300, "2 h ago"),
+     (100_000, "27 h ago"), (200_000, "2 days ago"), (-125, "in 2 min")],
+)  # fmt: skip
+def test_moments_are_told_in_whole_units(passed: float, told: str) -> None:
+    assert words.ago(time.time() - passed - 0.4) == told
 
 
 def test_every_state_has_words() -> None:

@@ -98,6 +98,26 @@ function swap(there, node) {
   }, () => delete there.dataset.next);
 }
 
+// A picture may meet a service that is busy: it is asked for again, each time a little later.
+const TRIES = 6;
+const failures = new WeakMap();
+
+export function persist(root) {
+  const again = (image) => {
+    const count = failures.get(image) || 0;
+    if (count >= TRIES) return;
+    failures.set(image, count + 1);
+    const address = image.src;
+    setTimeout(() => {
+      if (image.isConnected && image.src === address) image.src = address;
+    }, 1000 * 1.6 ** count);
+  };
+  root.addEventListener("error", (event) => {
+    if (event.target.nodeName === "IMG") again(event.target);
+  }, true);
+  for (const image of root.querySelectorAll("img")) if (image.complete && !image.naturalWidth) again(image);
+}
+
 export function ready() {
   document.documentElement.classList.add("ready");
 }

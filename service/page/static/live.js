@@ -1,5 +1,5 @@
 // Keeps the part `#live` of a view fresh: by events where there are any, else by asking again.
-import { ask, complain, morph, ready } from "./common.js";
+import { ask, complain, morph, persist, ready } from "./common.js";
 
 const KINDS = [
   "snapshot", "reset", "queued", "running", "progress", "look", "paused", "resumed", "priority",
@@ -66,6 +66,7 @@ function stop() {
 
 export function start() {
   if (!part) return;
+  persist(part);
   part.addEventListener("click", async (event) => {
     const button = event.target.closest("[data-step], [data-delete]");
     if (!button || (button.dataset.delete && !window.confirm(button.dataset.ask))) return;

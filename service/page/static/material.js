@@ -3,7 +3,7 @@ import { element, ready } from "./common.js";
 
 const WAIT_MS = 200;
 const BUSY_MS = 1000;
-const TRIES = 6;
+const TRIES = 30;
 const form = document.getElementById("turn");
 const ball = document.getElementById("ball");
 let timer = 0;
