@@ -70,11 +70,15 @@ class DataDir:
         ArtifactFolder(root / "artifacts").remove_temporary()  # also what children scribble
         return self
 
-    def announce(self, url: str | None) -> None:
-        """Write `server.json` with this process's pid and URL."""
-        note = json.dumps({"url": url, "pid": os.getpid()})
+    def announce(self, url: str | None, **more: str | None) -> None:
+        """Write `server.json` with this process's pid and URL; only its owner may read it."""
+        note = json.dumps({"url": url, "pid": os.getpid(), **more})
         temporary = self.root / "server.json.tmp"
-        temporary.write_text(note + "\n")
+        temporary.unlink(missing_ok=True)
+        with os.fdopen(
+            os.open(temporary, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w"
+        ) as file:
+            file.write(note + "\n")
         temporary.replace(self.server_note)
 
     def close(self) -> None:

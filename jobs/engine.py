@@ -39,6 +39,7 @@ from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.cluster.member import cluster_of
 from matiere.jobs.controls import Controls
 from matiere.jobs.datadir import DataDir, is_digest
+from matiere.jobs.engine_access import EngineAccess
 from matiere.jobs.engine_gauges import Gauges
 from matiere.jobs.engine_nights import EngineNights
 from matiere.jobs.engine_pictures import BREAKDOWNS, Album, EnginePictures
@@ -64,7 +65,7 @@ from matiere.jobs.job import (
     Readiness,
     Sweep,
 )
-from matiere.jobs.limits import Limits, check_queue
+from matiere.jobs.limits import Limits
 from matiere.jobs.recent import Recent
 from matiere.jobs.rules import Rules
 from matiere.jobs.scheduler import Scheduler
@@ -139,7 +140,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
+class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(self, data: DataDir, database: Database, options: Options, limits: Limits) -> None:
@@ -179,9 +180,9 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
         """Close the engine."""
         self.close()
 
-    def announce(self, url: str) -> None:
-        """Write `server.json` (url, pid) so that other commands find this engine."""
-        self._data.announce(url)
+    def announce(self, url: str, **more: str | None) -> None:
+        """Write `server.json` (url, pid, ...) so that other commands find this engine."""
+        self._data.announce(url, **more)
 
     def drain(self, timeout_s: float = 8.0) -> bool:
         """Refuse new work, let running claims end, tell whether all ended within the time."""
@@ -276,6 +277,7 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
         deadline: float | str | None = None,
         after: Sequence[str] = (),
         idempotency_key: str | None = None,
+        owner: str | None = None,
     ) -> Job:
         """Validate, pin and queue one scene; the job is durable when this returns.
 
@@ -284,10 +286,10 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
         worked on it (thread seconds / slots). `priority` is 0..100, higher first. At `deadline`
         (seconds from now, or a moment in RFC 3339) the job ends as `expired` with what is rendered
         by then. It begins when all jobs and sweeps in `after` (ids) have succeeded; if one does
-        not, it is cancelled as `dependency_failed`. Pointers in errors are relative to the scene,
-        or to `stop` (prefix `/stop`) and the other arguments. Raises
-        `SceneValidationError` (all errors at once), `AssetMissing`, `IdempotencyConflict`,
-        `DiskFull`, `Draining`.
+        not, it is cancelled as `dependency_failed`. `owner` is the id of the API key that asked.
+        Pointers in errors are relative to the scene, or to `stop` (prefix `/stop`) and the other
+        arguments. Raises `SceneValidationError` (all errors at once), `AssetMissing`,
+        `IdempotencyConflict`, `QueueFull`, `KeyLimit`, `DiskFull`, `Draining`.
         """
         self._accepting()
         moment = _given(deadline, after)
@@ -300,19 +302,11 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
         request = Request(stop, assets or {}, priority, label, ends, tuple(after))
         spec = self._submitter.job(scene, request)
         self.storage.check_room([(spec.film.width, spec.film.height, spec.film.replicates)])
-        job_id = self._admit(1, lambda c: jobs.submit_job(c, spec, key))
+        samples = float(spec.film.width * spec.film.height * spec.spp_cap)
+        job_id = self._admit(1, samples, lambda c: jobs.submit_job(c, spec, key), owner)
         tracing.record("submit", job_id, time.monotonic() - begun)
         self._scheduler.wake()
         return self.get_job(job_id)
-
-    def _admit(self, count: int, submit: Callable[[Any], str]) -> str:
-        """Submit `count` jobs if the queue has room for them. Raises QueueFull."""
-
-        def write(c: Any) -> str:
-            check_queue(views.live(c), count, self._limits)
-            return submit(c)
-
-        return self._db.write(write)
 
     def get_job(self, job_id: str) -> Job:
         """Return a job. Raises `JobNotFound`."""
@@ -352,6 +346,7 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
         deadline: float | str | None = None,
         after: Sequence[str] = (),
         idempotency_key: str | None = None,
+        owner: str | None = None,
         **language: Any,
     ) -> Sweep:
         """Queue one job per cell, all or none.
@@ -376,7 +371,11 @@ class Engine(Controls, EngineNights, EnginePictures, Feed, Gauges):
         )
         sizes = [(row["width"], row["height"], row["replicates"]) for row in rows]
         self.storage.check_room(sizes, spec.cells / len(rows))
-        sweep_id = self._admit(spec.cells, lambda c: cells.submit_sweep(c, spec, rows, key))
+        samples = sum(row["width"] * row["height"] * row["spp_cap"] for row in rows)
+        samples *= spec.cells / len(rows)
+        sweep_id = self._admit(
+            spec.cells, samples, lambda c: cells.submit_sweep(c, spec, rows, key), owner
+        )
         self._scheduler.wake()
         return self.get_sweep(sweep_id)
 

@@ -31,9 +31,15 @@ class QueueFull(JobsError):
     default_code = "queue_full"
 
 
+class KeyLimit(JobsError):
+    """As much of one API key waits as the service takes from it; later there is room."""
+
+    default_code = "key_limit"
+
+
 @dataclass(frozen=True)
 class Limits:
-    """What one job may ask for, and how many jobs may be live."""
+    """What one job may ask for, and how much may be live: in all, and of one API key."""
 
     film_bytes: int = 0  # 0: an eighth of the memory
     job_bytes: int = 0  # 0: half of the memory
@@ -44,6 +50,8 @@ class Limits:
     triangles: int = 50_000_000
     texture_bytes: int = 4 * GIB
     queued: int = 1_000_000
+    key_queued: int = 1_000_000
+    key_samples: float | None = None  # pixels x samples per pixel; None: no limit
 
     def to_dict(self) -> JsonDict:
         """Return a dict for JSON."""
@@ -101,6 +109,23 @@ def check_queue(live: int, new: int, limits: Limits) -> None:
         raise QueueFull(
             f"{live:,} jobs have not ended, and this service holds {limits.queued:,}; "
             "send this again when some have"
+        )
+
+
+def check_key(live: tuple[int, float], new: tuple[int, float], limits: Limits) -> None:
+    """Raise for `new` (jobs, samples) beside the `live` ones of a key: KeyLimit, or never fits."""
+    most = (limits.key_queued, limits.key_samples)
+    units = (("jobs", 1.0), ("megasamples", 1e6))
+    for there, asked, allowed, (name, unit) in zip(live, new, most, units, strict=True):
+        if allowed is None or there + asked <= allowed:
+            continue
+        what, limit = f"{asked / unit:,.10g} {name}", f"{allowed / unit:,.10g}"
+        if asked > allowed:
+            why = f"{what} at once; this service takes {limit} from one API key"
+            raise SceneValidationError([Fault("", "limit_exceeded", why)])
+        raise KeyLimit(
+            f"this asks for {what}, {there / unit:,.10g} of this API key have not ended, and this "
+            f"service takes {limit} from one key; send it again when some have"
         )
 
 

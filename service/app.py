@@ -17,6 +17,7 @@ from fastapi.responses import JSONResponse
 
 from matiere.jobs.engine import Engine
 from matiere.service import errors
+from matiere.service.access import Gate, unruled
 from matiere.service.broadcast import Broadcaster
 from matiere.service.deps import InFlight
 from matiere.service.metrics import Metrics, MetricsMiddleware, RouteNote
@@ -28,6 +29,7 @@ from matiere.service.routes import (
     events,
     health,
     jobs,
+    keys,
     materials,
     metrics,
     nights,
@@ -35,7 +37,7 @@ from matiere.service.routes import (
     storage,
     sweeps,
 )
-from matiere.service.security import LOOPBACK_NAMES, SecurityMiddleware
+from matiere.service.security import LOOPBACK_NAMES, SecurityMiddleware, own_names
 from matiere.service.settings import Settings
 
 API_VERSION = "1.0.0"
@@ -71,19 +73,23 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     app.state.in_flight = InFlight()
     app.state.broadcaster = Broadcaster(lambda: cast(Engine, app.state.engine))
     app.state.metrics = Metrics(lambda: cast(Engine, app.state.engine))
+    gate = Gate(lambda: cast(Engine, app.state.engine), always=settings.asks_for_keys)
+    app.state.gate = gate
     errors.install(app)
     app.add_middleware(RouteNote)
-    host = f"[{settings.host}]" if ":" in settings.host else settings.host
     app.add_middleware(
         SecurityMiddleware,
-        hosts=(*LOOPBACK_NAMES, host, *settings.allowed_hosts),
+        hosts=(*LOOPBACK_NAMES, *own_names(settings.host), *settings.allowed_hosts),
         max_body_bytes=settings.max_body_bytes,
         max_asset_bytes=settings.max_asset_bytes,
         body_timeout_s=settings.body_timeout_s,
+        gate=gate,
     )
     app.add_middleware(MetricsMiddleware, metrics=app.state.metrics)  # outermost
     of_jobs = (events, jobs, sweeps, nights, pictures, assets)
-    for routes in (*of_jobs, materials, checks, storage, health, metrics):
+    for routes in (*of_jobs, materials, checks, storage, keys, health, metrics):
         app.include_router(routes.router)
     app.include_router(page)
+    if missing := unruled(app.routes):
+        raise RuntimeError(f"service/access.py has no rule for {', '.join(missing)}")
     return app

@@ -11,7 +11,7 @@ import asyncio
 import json
 import logging
 from collections import deque
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, AsyncIterator, Callable
 from dataclasses import dataclass, field
 from typing import Any, NamedTuple
 
@@ -93,7 +93,7 @@ class Broadcaster:
         for listener in [one for group in self._listeners.values() for one in group]:
             listener.woken.set()
 
-    async def stream(self, topic: Topic, after: int, first: bytes = b"") -> AsyncIterator[bytes]:
+    async def stream(self, topic: Topic, after: int, first: bytes = b"") -> AsyncGenerator[bytes]:
         """Yield, as text of the protocol, `first` and then every event with a number > `after`."""
         yield format_sse_event(data_str=None, retry=RETRY_MS) + first
         while not self._ended:

@@ -39,6 +39,7 @@ from matiere.service.client_views import (
     Unreachable,
     refusal,
 )
+from matiere.service.credentials import key_of_environment, place_of
 
 __all__ = [
     "DEFAULT_URL",
@@ -75,20 +76,25 @@ class Client(StorageCalls):
         url: str = DEFAULT_URL,
         *,
         socket_path: str | None = None,
+        key: str | None = None,
         timeout_s: float = 30.0,
         patience_s: float = 30.0,
     ) -> None:
-        """Connect to `url`, or through a Unix socket when `socket_path` is given.
+        """Connect to `url`, which may be `unix:/path`, or through the Unix socket `socket_path`.
 
-        `timeout_s` limits the wait for one answer, `patience_s` how long a service that does not
-        answer is asked again. Nothing is sent before the first call.
+        `key` is an API key; by default that of the environment (MATIERE_API_KEY). `timeout_s`
+        limits the wait for one answer, `patience_s` how long a service that does not answer is
+        asked again. Nothing is sent before the first call.
         """
-        transport = httpx.HTTPTransport(uds=socket_path) if socket_path else None
+        key = key or key_of_environment()
+        headers = {"Authorization": f"Bearer {key}"} if key else {}
+        base, path = place_of(url)
+        transport = httpx.HTTPTransport(uds=socket_path or path) if socket_path or path else None
         self.url = url.rstrip("/")
         self.patience_s = patience_s
         self._reached = False  # a service that was there may be restarting; one that never was, no
         self._http = httpx.Client(
-            base_url=self.url, timeout=timeout_s, transport=transport, trust_env=False
+            base_url=base, headers=headers, timeout=timeout_s, transport=transport, trust_env=False
         )
 
     def __enter__(self) -> Client:

@@ -33,6 +33,26 @@ class StorageCalls:
         answer = self._request("POST", "/v1/storage:collect", params=params, timeout=3600.0)
         return dict(answer.json())
 
+    def keys(self) -> list[dict[str, Any]]:
+        """Return all API keys, without their secrets."""
+        return list(self._request("GET", "/v1/keys").json()["keys"])
+
+    def create_key(self, name: str, scope: str, days: float | None = None) -> dict[str, Any]:
+        """Make an API key; the answer's `key` is shown this once."""
+        body = {"name": name, "scope": scope, "days": days}
+        return dict(self._request("POST", "/v1/keys", json=body).json())
+
+    def rotate_key(
+        self, key_id: str, *, days: float | None = None, overlap_hours: float = 24.0
+    ) -> dict[str, Any]:
+        """Make the successor of a key; the old one ends after `overlap_hours`."""
+        body = {"days": days, "overlap_hours": overlap_hours}
+        return dict(self._request("POST", f"/v1/keys/{key_id}:rotate", json=body).json())
+
+    def revoke_key(self, key_id: str) -> dict[str, Any]:
+        """End a key at once."""
+        return dict(self._request("DELETE", f"/v1/keys/{key_id}").json())
+
     def pin(self, name: str, pinned: bool = True) -> str:
         """Keep a job or a sweep whatever its age (or no more); return which it is."""
         verb = "pin" if pinned else "unpin"

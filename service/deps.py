@@ -16,6 +16,7 @@ from starlette.responses import FileResponse, Response, StreamingResponse
 
 from matiere.jobs.engine import Engine
 from matiere.jobs.job import Artifact
+from matiere.service.access import Identity
 from matiere.service.errors import Problem
 from matiere.service.settings import Settings
 
@@ -110,6 +111,13 @@ async def _in_flight(request: Request) -> InFlight:
     return in_flight_of(request)
 
 
+async def _owner(request: Request) -> str | None:
+    """Return the id of the API key that asks, if one does."""
+    identity: Identity | None = request.scope.get("state", {}).get("identity")
+    return identity.key_id if identity is not None else None
+
+
+OwnerDep = Annotated[str | None, Depends(_owner)]
 EngineDep = Annotated[Engine, Depends(_engine)]
 SettingsDep = Annotated[Settings, Depends(_settings)]
 InFlightDep = Annotated[InFlight, Depends(_in_flight)]

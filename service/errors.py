@@ -55,6 +55,19 @@ CODES: dict[str, Kind] = {
         "The cursor is not one this service gave out",
         "Use `next_cursor` of the last page unchanged, or start again without a cursor.",
     ),
+    "key_missing": Kind(
+        401,
+        "An API key is needed",
+        "Send `Authorization: Bearer <key>`; an administrator makes one with `matiere key create`.",
+    ),
+    "key_invalid": Kind(
+        401,
+        "The API key is not valid",
+        "Ask an administrator for a new key (`matiere key rotate`).",
+    ),
+    "scope_missing": Kind(
+        403, "The API key does not allow this", "Use a key of the scope that `detail` names."
+    ),
     "origin_not_allowed": Kind(
         403,
         "Writes from another web origin are refused",
@@ -69,6 +82,7 @@ CODES: dict[str, Kind] = {
     "sweep_not_found": Kind(
         404, "There is no such sweep", "Use the id that POST /v1/sweeps answered."
     ),
+    "key_not_found": Kind(404, "There is no such key", "List the keys with GET /v1/keys."),
     "artifact_not_found": Kind(
         404,
         "This job has no such file",
@@ -202,6 +216,11 @@ CODES: dict[str, Kind] = {
         429,
         "As many jobs wait as this service takes",
         "Send it again when some have ended, as `Retry-After` says.",
+    ),
+    "key_limit": Kind(
+        429,
+        "As much of this API key waits as the service takes from one",
+        "Send it again when some of its jobs have ended, as `Retry-After` says.",
     ),
     "over_quota": Kind(
         429,

@@ -6,7 +6,7 @@ import os
 from pathlib import Path
 
 from matiere.service.client import DEFAULT_URL, Client
-from matiere.service.lockfile import read_announcement
+from matiere.service.lockfile import Announcement, read_announcement
 
 
 def data_dir(data: Path | None) -> Path:
@@ -21,6 +21,12 @@ def client_of(url: str | None, data: Path | None) -> Client:
     if url is None and data is None:
         url = os.environ.get("MATIERE_URL")
     if url is None:
-        found = read_announcement(data_dir(data))
-        url = found.url if found else DEFAULT_URL
+        if found := read_announcement(data_dir(data)):
+            return client_for(found)
+        url = DEFAULT_URL
     return Client(url)
+
+
+def client_for(found: Announcement) -> Client:
+    """Return a client of the service that announced itself in a data directory of ours."""
+    return Client(found.url, socket_path=found.socket_path, key=found.token)

@@ -14,13 +14,17 @@ class Announcement:
 
     url: str
     pid: int
+    socket_path: str | None = None
+    token: str | None = None  # opens what keys guard; the folder is its owner's alone
 
 
 def read_announcement(data: Path) -> Announcement | None:
     """Return what `<data>/server.json` says, or None if there is none or its process is gone."""
     try:
         content = json.loads((data / "server.json").read_text(encoding="utf-8"))
-        found = Announcement(str(content["url"]), int(content["pid"]))
+        found = Announcement(
+            str(content["url"]), int(content["pid"]), content.get("socket"), content.get("token")
+        )
     except (OSError, ValueError, KeyError, TypeError):
         return None
     if not found.url.startswith("http") or not _alive(found.pid):

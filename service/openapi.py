@@ -14,6 +14,7 @@ from typing import Any, cast
 from fastapi import FastAPI
 
 from matiere.jobs.engine import Engine
+from matiere.service.access import ADMIN, PUBLIC, RULES
 from matiere.service.errors import CODES, MEDIA_TYPE, TYPE_PREFIX
 from matiere.service.openapi_examples import BODIES, PARAMETERS, SCHEMAS
 
@@ -51,6 +52,21 @@ PROBLEM: dict[str, Any] = {
 }
 
 
+SECURITY: dict[str, Any] = {
+    "key": {
+        "type": "http",
+        "scheme": "bearer",
+        "description": "An API key (`matiere key create`); each route names the scope it needs: "
+        "`read`, `submit` (reads too) or `admin` (all)",
+    },
+    "password": {
+        "type": "http",
+        "scheme": "basic",
+        "description": "For browsers: any user name, the API key as the password",
+    },
+}
+
+
 class Application(FastAPI):
     """FastAPI with the document of this module."""
 
@@ -69,9 +85,11 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
     _add_scene(schemas, json.loads(json.dumps(matiere.schema())))
     schemas["Problem"] = PROBLEM
     document["paths"] = _hoisted(document["paths"], schemas)
+    document["components"]["securitySchemes"] = SECURITY
     for path, methods in document["paths"].items():
         for method, operation in methods.items():
             _add_examples(operation, f"{method.upper()} {path}")
+            operation["security"] = _security(RULES[f"{method.upper()} {path}"])
             for status, answer in operation["responses"].items():
                 if status[0] in "45":
                     answer.setdefault("content", {MEDIA_TYPE: {}})
@@ -80,6 +98,14 @@ def complete(document: dict[str, Any]) -> dict[str, Any]:
         schemas[name]["examples"] = examples
     document["components"]["schemas"] = dict(sorted(schemas.items()))
     return document
+
+
+def _security(scope: str) -> list[dict[str, list[str]]]:
+    """Return which keys a route takes; without any key it may be open to all who reach it."""
+    if scope == PUBLIC:
+        return []
+    keys: list[dict[str, list[str]]] = [{name: [scope]} for name in SECURITY]
+    return keys if scope == ADMIN else [*keys, {}]
 
 
 def _add_scene(schemas: dict[str, Any], scene: dict[str, Any]) -> None:

@@ -57,6 +57,14 @@ _PRIORITY = {"first": _example("run it before most others", {"priority": 80})}
 
 #: "METHOD path" -> name -> example of a body
 BODIES: dict[str, dict[str, Any]] = {
+    "POST /v1/keys": {
+        "ci": _example(
+            "a key that submits, for 90 days", {"name": "ci", "scope": "submit", "days": 90}
+        )
+    },
+    "POST /v1/keys/{key_id}:rotate": {
+        "overlap": _example("the old key goes on for two days", {"days": 90, "overlap_hours": 48})
+    },
     "POST /v1/jobs": {
         "smallest": _example("a red ball, everything else by default", {"scene": SMALLEST}),
         "ball": _example(
@@ -138,6 +146,7 @@ PARAMETERS: dict[str, Any] = {
     "material": '{"type": "conductor", "metal": "Cu", "alpha": 0.2}',
     "job_id": JOB,
     "sweep_id": SWEEP,
+    "key_id": "3f9a0c12",
     "cell": 3,
     "sha256": DIGEST,
     "page": 0,

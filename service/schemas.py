@@ -301,9 +301,9 @@ class PastAttempt(BaseModel):
         return cls(
             attempt=line["attempt"],
             state=line["state"],
-            queued=_time(line["queued"]),
-            started=_time_or_none(line["started"]),
-            finished=_time_or_none(line["finished"]),
+            queued=time_of(line["queued"]),
+            started=time_or_none(line["started"]),
+            finished=time_or_none(line["finished"]),
             error=error,
         )
 
@@ -370,9 +370,9 @@ class JobView(BaseModel):
             height=job.height,
             film_key=job.film_key,
             cached=job.cached,
-            created=_time(job.created),
-            started=_time_or_none(job.started),
-            finished=_time_or_none(job.finished),
+            created=time_of(job.created),
+            started=time_or_none(job.started),
+            finished=time_or_none(job.finished),
             spp=job.spp,
             progress=job.progress,
             seconds=job.seconds,
@@ -385,7 +385,7 @@ class JobView(BaseModel):
             cell=job.cell,
             parameters=job.parameters,
             effective_priority=job.effective_priority,
-            deadline=_time_or_none(job.deadline),
+            deadline=time_or_none(job.deadline),
             after=list(job.after),
             waiting_for=job.waiting_for,
             attempt=job.attempt,
@@ -470,8 +470,8 @@ class SweepView(BaseModel):
             baseline=sweep.baseline,
             budget=BudgetView(**vars(sweep.budget)) if sweep.budget else None,
             pinned=sweep.pinned,
-            created=_time(sweep.created),
-            finished=_time_or_none(sweep.finished),
+            created=time_of(sweep.created),
+            finished=time_or_none(sweep.finished),
             after=list(sweep.after),
             waiting_for=sweep.waiting_for,
             links=links,
@@ -498,7 +498,7 @@ class EventView(BaseModel):
     @classmethod
     def of(cls, event: Event) -> EventView:
         """Show `event`."""
-        return cls(**{**vars(event), "time": _time(event.time)})
+        return cls(**{**vars(event), "time": time_of(event.time)})
 
 
 class EventPage(BaseModel):
@@ -588,9 +588,11 @@ def sweep_state(sweep: Sweep) -> JobState:
     return JobState.SUCCEEDED
 
 
-def _time(seconds: float) -> datetime:
+def time_of(seconds: float) -> datetime:
+    """Return Unix seconds as a moment in UTC."""
     return datetime.fromtimestamp(seconds, UTC)
 
 
-def _time_or_none(seconds: float | None) -> datetime | None:
-    return None if seconds is None else _time(seconds)
+def time_or_none(seconds: float | None) -> datetime | None:
+    """Return Unix seconds as a moment in UTC, None as None."""
+    return None if seconds is None else time_of(seconds)

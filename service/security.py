@@ -2,6 +2,7 @@
 
 - `Host` must be on the allow-list, so that a web page cannot reach a loopback service through a
   DNS name of its own (DNS rebinding).
+- The key, where one is asked for, must allow what is asked (`access.py`).
 - A write must come from the same origin or from no browser at all (no `Origin`).
 - A write with a body must say `application/json` (`application/octet-stream` for assets): the types
   an HTML form can send are refused, which together with the above stops cross-site requests.
@@ -13,11 +14,17 @@
 from __future__ import annotations
 
 import asyncio
+import ipaddress
+import socket
 from collections.abc import Iterable
 
+import psutil
+from starlette.responses import Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from matiere.service.access import Gate
 from matiere.service.errors import Problem, incident
+from matiere.service.page.site import failure
 
 READS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
@@ -28,6 +35,24 @@ _HEADERS = (
     (b"referrer-policy", b"no-referrer"),
     (b"cross-origin-resource-policy", b"same-origin"),
 )
+
+
+def own_names(host: str) -> list[str]:
+    """Return the names and addresses that requests for a listening address carry as `Host`."""
+    try:
+        address = ipaddress.ip_address(host)
+    except ValueError:
+        return [host]
+    if not address.is_unspecified:
+        return [f"[{host}]" if address.version == 6 else host]
+    found = {socket.gethostname().lower()}
+    for entries in psutil.net_if_addrs().values():
+        for entry in entries:
+            if entry.family == socket.AF_INET:
+                found.add(entry.address)
+            elif entry.family == socket.AF_INET6:
+                found.add(f"[{entry.address.split('%')[0]}]")
+    return sorted(found)
 
 
 class SecurityMiddleware:
@@ -41,8 +66,10 @@ class SecurityMiddleware:
         max_body_bytes: int,
         max_asset_bytes: int,
         body_timeout_s: float,
+        gate: Gate,
     ) -> None:
         self.app = app
+        self.gate = gate
         self.hosts = frozenset(host.lower() for host in hosts)
         self.max_body_bytes = max_body_bytes
         self.max_asset_bytes = max_asset_bytes
@@ -57,11 +84,13 @@ class SecurityMiddleware:
             await send({"type": "websocket.close", "code": 1003})
             return
         send = _with_headers(send)
+        headers = _headers(scope)
         try:
             is_asset = scope["path"].startswith(ASSET_PREFIX)
             limit = self.max_asset_bytes if is_asset else self.max_body_bytes
-            headers = _headers(scope)
             self._check_host(headers)
+            identity = await self.gate.admit(scope["method"], scope["path"], headers)
+            scope = {**scope, "state": {**scope.get("state", {}), "identity": identity}}
             if scope["method"] not in READS:
                 _check_origin(scope, headers)
                 _check_content_type(headers, is_asset)
@@ -71,7 +100,7 @@ class SecurityMiddleware:
             else:
                 receive = _replay(await self._read(receive, limit), receive)
         except Problem as problem:
-            await problem.response()(scope, receive, send)
+            await _refusal(problem, scope["path"], headers)(scope, receive, send)
             return
         if scope["method"] == "HEAD" and not is_asset:  # the server leaves the body out
             scope = {**scope, "method": "GET"}
@@ -139,6 +168,18 @@ class SecurityMiddleware:
             raise Problem(
                 "request_timeout", f"No byte of the body came for {self.body_timeout_s:g} s."
             ) from None
+
+
+def _refusal(problem: Problem, path: str, headers: dict[bytes, list[bytes]]) -> Response:
+    """Return the answer to a request that went no further; a reader of the page gets a page."""
+    reads = any(b"text/html" in value for value in headers.get(b"accept", []))
+    response = failure(problem) if reads and not path.startswith("/v1/") else problem.response()
+    if problem.status_code == 401:
+        # Two lines: browsers know the second, and send what their user typed with every request
+        # of the page, pictures and streams of events among them.
+        for scheme in ("Bearer", "Basic"):
+            response.headers.append("WWW-Authenticate", f'{scheme} realm="matiere"')
+    return response
 
 
 def _replay(body: bytes | None, receive: Receive) -> Receive:

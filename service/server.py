@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import errno
-import ipaddress
 import logging
 import os
 import signal
@@ -54,23 +53,52 @@ class PortBusy(ServeError):
     default_code = "port_busy"
 
 
-def check_host(host: str) -> None:
-    """Raise `ServeError` unless `host` is a loopback address: there are no API keys yet."""
-    try:
-        loopback = host == "localhost" or ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        loopback = False
-    if not loopback:
+def check_keys(settings: Settings) -> None:
+    """Raise `ServeError` for a service that others can reach and that has no key.
+
+    Raises `DataDirLocked` and `StoreError` as opening the queue does.
+    """
+    from matiere.jobs.keys import any_valid
+
+    if settings.asks_for_keys and not any_valid(settings.data, settings.database_url):
+        where = " with require_key" if settings.loopback else f" on {settings.host}"
         raise ServeError(
-            f"matiere serve listens on loopback only, not on {host}: it has no access control yet. "
-            "Keep --host 127.0.0.1 and reach it from elsewhere through a tunnel, for example "
+            f"matiere serve{where} asks every client for an API key, and there is none that is "
+            "valid. Make one:\n"
+            f"  matiere key create --name me --scope admin --data {settings.data}\n"
+            "or keep to loopback and reach it from elsewhere through a tunnel, for example "
             "`ssh -L 8470:127.0.0.1:8470 <this machine>`."
         )
 
 
+def bind_unix(path: Path) -> socket.socket:
+    """Return a bound Unix socket that only its owner may connect to (mode 0600).
+
+    Raises `PortBusy` while another process listens there; what a dead one left is replaced.
+    """
+    sock = socket.socket(socket.AF_UNIX, socket.SOCK_STREAM)
+    mask = os.umask(0o177)
+    try:
+        if path.is_socket():
+            with socket.socket(socket.AF_UNIX, socket.SOCK_STREAM) as probe:
+                probe.settimeout(1.0)
+                if probe.connect_ex(str(path)) == 0:
+                    raise PortBusy(f"another process listens on {path}")
+            path.unlink()
+        sock.bind(str(path))
+    except OSError as error:
+        sock.close()
+        raise ServeError(f"cannot listen on {path}: {error.strerror or error}") from None
+    except BaseException:
+        sock.close()
+        raise
+    finally:
+        os.umask(mask)
+    return sock
+
+
 def bind(host: str, port: int) -> socket.socket:
     """Return a bound socket that does not listen yet; raise `PortBusy` naming the holder."""
-    check_host(host)
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     # With the protocol named, asyncio turns off the delay of small packets (else 40 ms an answer).
     sock = socket.socket(family, socket.SOCK_STREAM, socket.IPPROTO_TCP)
@@ -97,6 +125,7 @@ def bind(host: str, port: int) -> socket.socket:
 def url_of(sock: socket.socket) -> str:
     """Return the base URL of a bound TCP socket."""
     host, port = sock.getsockname()[:2]
+    host = {"0.0.0.0": "127.0.0.1", "::": "::1"}.get(host, host)  # every address: this one too
     return f"http://[{host}]:{port}" if ":" in host else f"http://{host}:{port}"
 
 
@@ -239,13 +268,17 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
     from matiere.jobs.engine import open_engine
     from matiere.service.app import create_app
 
+    check_keys(settings)
+    uds = settings.uds
     try:
-        sock = bind(settings.host, settings.port)
+        sock = bind_unix(uds) if uds else bind(settings.host, settings.port)
     except PortBusy as busy:
         raise refuse_second(settings.data, busy, settings.port) from None
-    url = url_of(sock)
+    url = "http://localhost" if uds else url_of(sock)
     with contextlib.ExitStack() as stack:
         stack.callback(sock.close)
+        if uds:
+            stack.callback(uds.unlink, missing_ok=True)
         engine = stack.enter_context(
             open_engine(
                 settings.data,
@@ -266,12 +299,14 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
         if settings.tracing:
             tracing.enable()
             stack.callback(tracing.disable)
-        server = stack.enter_context(BackgroundServer(create_app(engine, settings), sock))
-        engine.announce(url)
-        log.info("serving %s from %s", url, settings.data)
+        app = create_app(engine, settings)
+        server = stack.enter_context(BackgroundServer(app, sock))
+        token: str = app.state.gate.owner_token
+        engine.announce(url, socket=str(uds) if uds else None, token=token)
+        log.info("serving %s from %s", uds or url, settings.data)
         announce(
             [
-                ("url", url),
+                ("socket", str(uds)) if uds else ("url", url),
                 ("data directory", str(settings.data)),
                 ("log", str(log_path)),
                 ("children", _renderers(settings, engine.children, engine.threads_per_child)),

@@ -11,6 +11,7 @@ also comes from systemd's `STATE_DIRECTORY`. Files are TOML with the same names,
 from __future__ import annotations
 
 import difflib
+import ipaddress
 import os
 import tomllib
 from collections.abc import Iterator, Mapping
@@ -30,7 +31,9 @@ if TYPE_CHECKING:
 ENVIRONMENT_PREFIX = "MATIERE_"
 SYSTEM_CONFIG = Path("/etc/matiere/config.toml")
 # Read by other parts of the package; not settings of the service.
-OTHER_ENVIRONMENT = frozenset({"MATIERE_CONFIG"})
+OTHER_ENVIRONMENT = frozenset(
+    {"MATIERE_CONFIG", "MATIERE_API_KEY", "MATIERE_API_KEY_FILE", "MATIERE_URL"}
+)
 
 
 class SettingsError(MatiereError):
@@ -53,7 +56,16 @@ class Settings(BaseModel):
         default_factory=default_data_dir,
         description="data directory: store, artifacts, assets, logs",
     )
-    host: str = Field("127.0.0.1", description="address to listen on; loopback only")
+    host: str = Field(
+        "127.0.0.1", description="address to listen on; beyond loopback only with API keys"
+    )
+    uds: Path | None = Field(
+        None,
+        description="Unix socket to listen on instead of an address; only its owner may use it",
+    )
+    require_key: bool = Field(
+        False, description="ask for an API key also on loopback, before there is one"
+    )
     port: int = Field(8470, ge=0, le=65535, description="TCP port; 0 takes any free one")
     allowed_hosts: tuple[str, ...] = Field(
         (), description="more names a Host header may carry, besides the loopback names"
@@ -124,6 +136,12 @@ class Settings(BaseModel):
     max_queued_jobs: int = Field(
         1_000_000, ge=1, description="jobs and cells that have not ended; more are refused"
     )
+    max_queued_jobs_per_key: int = Field(
+        200_000, ge=1, description="of them, those of one API key; more are refused"
+    )
+    max_queued_megasamples_per_key: float | None = Field(
+        None, gt=0, description="millions of pixel samples that jobs of one API key may ask for"
+    )
     min_free_bytes: int = Field(
         2 * 10**9, ge=0, description="free disk space below which no new work is taken, in bytes"
     )
@@ -143,6 +161,19 @@ class Settings(BaseModel):
         False, description="send spans to OpenTelemetry, where OTEL_EXPORTER_OTLP_ENDPOINT says"
     )
 
+    @property
+    def loopback(self) -> bool:
+        """Tell whether only this machine can reach the service."""
+        try:
+            return self.host == "localhost" or ipaddress.ip_address(self.host).is_loopback
+        except ValueError:
+            return False
+
+    @property
+    def asks_for_keys(self) -> bool:
+        """Tell whether keys are asked for even before one was made."""
+        return self.require_key or (self.uds is None and not self.loopback)
+
     def rules(self) -> Rules:
         """Return how long things are kept."""
         from matiere.jobs.rules import Rules
@@ -159,6 +190,7 @@ class Settings(BaseModel):
         """Return how large a job may be, and how many may wait."""
         from matiere.jobs.limits import Limits
 
+        samples = self.max_queued_megasamples_per_key
         return Limits(
             film_bytes=self.max_film_bytes or 0,
             job_bytes=self.max_job_bytes or 0,
@@ -169,12 +201,19 @@ class Settings(BaseModel):
             triangles=self.max_triangles,
             texture_bytes=self.max_texture_bytes,
             queued=self.max_queued_jobs,
+            key_queued=self.max_queued_jobs_per_key,
+            key_samples=samples and 1e6 * samples,
         )
 
     @field_validator("data")
     @classmethod
     def _expand(cls, value: Path) -> Path:
         return value.expanduser().absolute()
+
+    @field_validator("uds")
+    @classmethod
+    def _expand_socket(cls, value: Path | None) -> Path | None:
+        return value and value.expanduser().absolute()
 
 
 @dataclass(frozen=True)

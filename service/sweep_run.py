@@ -27,6 +27,7 @@ from matiere.service.console import (
     upload_progress,
     worded,
 )
+from matiere.service.find import client_for
 from matiere.service.lockfile import read_announcement
 from matiere.service.settings import Settings, resolve
 from matiere.service.sweep_check import verdicts
@@ -136,7 +137,7 @@ def open_client(url: str | None, settings: Settings) -> Iterator[tuple[Client, b
     """Give a client, and whether the queue behind it is this process's own."""
     found = None if url else read_announcement(settings.data)
     if url or found:
-        with Client(url or (found.url if found else "")) as client:
+        with client_for(found) if found else Client(url or "") as client:
             yield client, False
         return
     try:
@@ -145,7 +146,8 @@ def open_client(url: str | None, settings: Settings) -> Iterator[tuple[Client, b
     except DataDirLocked as locked:  # a service that started a moment ago
         if not locked.url:
             raise
-        with Client(locked.url) as client:
+        again = read_announcement(settings.data)
+        with client_for(again) if again else Client(locked.url) as client:
             yield client, False
 
 
@@ -175,8 +177,10 @@ def own_service(settings: Settings) -> Iterator[Client]:
         )
         open_log(settings.data, settings.log_level)
         sock, path = stack.enter_context(private_socket())
-        stack.enter_context(BackgroundServer(create_app(engine, settings), sock))
-        yield stack.enter_context(Client("http://localhost", socket_path=path))
+        app = create_app(engine, settings)
+        stack.enter_context(BackgroundServer(app, sock))
+        token = app.state.gate.owner_token
+        yield stack.enter_context(Client("http://localhost", socket_path=path, key=token))
 
 
 def _attach(client: Client, folder: OutputFolder, sweep: LoadedSweep) -> SweepStatus:

@@ -91,6 +91,8 @@ sweep = Table(
     Column("finished", Float),
     Column("blockers", Integer, nullable=False, server_default="0"),  # as `job.blockers`
     Column("pinned", Boolean, nullable=False, server_default=false()),
+    Column("owner", String(16)),  # id of the API key that submitted it
+    Column("samples", Float, nullable=False, server_default="0"),  # asked for; with an owner
 )
 
 job = Table(
@@ -130,6 +132,8 @@ job = Table(
     Column("deadline", Float),  # Unix seconds
     Column("blockers", Integer, nullable=False, server_default="0"),  # dependencies yet unmet
     Column("attempt", Integer, nullable=False, server_default="1"),  # rises with every requeue
+    Column("owner", String(16)),  # id of the API key that submitted it
+    Column("samples", Float, nullable=False, server_default="0"),  # asked for; with an owner
     Index("ix_job_queue", "state", "rank", "id"),
     Index("ix_job_deadline", "deadline"),
     Column("pinned", Boolean, nullable=False, server_default=false()),  # kept whatever its age
@@ -243,4 +247,16 @@ instance = Table(
     Column("ended", Float),
     Column("chunks_present", Integer, nullable=False, default=0),  # done at the start, unmerged
     Column("chunks_voided", Integer, nullable=False, default=0),  # in flight when the last died
+)
+
+api_key = Table(
+    "api_key",
+    metadata,
+    Column("id", String(16), primary_key=True),  # no secret: names the key
+    Column("name", Text, nullable=False),
+    Column("scope", String(16), nullable=False),  # read | submit | admin
+    Column("digest", String(64), nullable=False),  # SHA-256 of the key
+    Column("created", Float, nullable=False),
+    Column("expires", Float),
+    Column("revoked", Float),
 )

@@ -26,6 +26,7 @@ COMMANDS: dict[str, tuple[str, str]] = {
     "pin": ("storage:pin", "Keep jobs or sweeps whatever their age."),
     "unpin": ("storage:unpin", "Keep jobs or sweeps no longer than others."),
     "backup": ("storage:backup", "Copy the data directory while the service runs."),
+    "key": ("key:key", "Make, list, rotate and revoke API keys."),
     "schema": ("schema:schema", "Print the JSON Schema of scenes."),
     "info": ("info:info", "Print versions, Embree, instruction set and threads."),
     "config": ("config:config", "Print every setting and where its value came from."),

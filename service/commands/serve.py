@@ -13,10 +13,17 @@ def serve(
         Path | None, typer.Option(help="Data directory (default: $XDG_DATA_HOME/matiere).")
     ] = None,
     host: Annotated[
-        str | None, typer.Option(help="Loopback address to listen on (default: 127.0.0.1).")
+        str | None,
+        typer.Option(
+            help="Address to listen on (default: 127.0.0.1); beyond loopback only with API keys."
+        ),
     ] = None,
     port: Annotated[
         int | None, typer.Option(help="Port; 0 takes any free one (default: 8470).")
+    ] = None,
+    uds: Annotated[
+        Path | None,
+        typer.Option(help="Unix socket to listen on instead; only you may connect to it."),
     ] = None,
     children: Annotated[
         int | None, typer.Option(help="Render processes (default: one per usable core).")
@@ -46,6 +53,7 @@ def serve(
         "data": data,
         "host": host,
         "port": port,
+        "uds": uds,
         "children": children,
         "threads_per_child": threads_per_child,
         "executor": executor,

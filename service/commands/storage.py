@@ -149,13 +149,14 @@ class _Idle:
 def _storage(data: Path | None, url: str | None) -> Iterator[_Served | _Idle]:
     from matiere.jobs.storage import open_storage
     from matiere.service.client import Client
+    from matiere.service.find import client_for
     from matiere.service.lockfile import read_announcement
     from matiere.service.settings import resolve
 
     settings = resolve({"data": data}).settings
     found = None if url else read_announcement(settings.data)
     if url or found:
-        with Client(url or (found.url if found else "")) as client:
+        with client_for(found) if found else Client(url or "") as client:
             yield _Served(client)
         return
     with open_storage(

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
 from typing import Annotated, Any, cast
 
 from fastapi import APIRouter, Header, Query, Request, Response
@@ -12,6 +14,7 @@ from matiere.jobs.engine import Engine
 from matiere.jobs.errors import JobNotFound
 from matiere.jobs.job import Job, Sweep
 from matiere.service import deps
+from matiere.service.access import Gate
 from matiere.service.broadcast import Broadcaster, Topic, named
 from matiere.service.errors import Problem
 from matiere.service.schemas import EventPage, EventView, JobView, SweepView
@@ -94,8 +97,20 @@ async def _answer(
         raise Problem("busy", "Too many streams of events are open.", headers={"Retry-After": "5"})
     if start is None or stale:
         first = named("reset" if stale else "snapshot", number, facts)
-        return EventSourceResponse(broadcaster.stream(topic, number, first), headers=_HEADERS)
-    return EventSourceResponse(broadcaster.stream(topic, start), headers=_HEADERS)
+        stream = broadcaster.stream(topic, number, first)
+    else:
+        stream = broadcaster.stream(topic, start)
+    return EventSourceResponse(_while_admitted(request, stream), headers=_HEADERS)
+
+
+async def _while_admitted(request: Request, stream: AsyncGenerator[bytes]) -> AsyncGenerator[bytes]:
+    """Go on until the key of the request ends."""
+    gate, identity = cast(Gate, request.app.state.gate), request.state.identity
+    async with aclosing(stream):
+        async for text in stream:
+            if not await gate.holds(identity):
+                return
+            yield text
 
 
 def _start(last: str | None, after: int | None) -> int | None:

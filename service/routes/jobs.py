@@ -13,7 +13,7 @@ from matiere.jobs.engine import Engine
 from matiere.jobs.errors import AssetMissing, IllegalTransition, JobNotFound, NotReadyYet
 from matiere.jobs.job import Job, JobState
 from matiere.service import deps
-from matiere.service.deps import EngineDep, InFlightDep, KeyDep
+from matiere.service.deps import EngineDep, InFlightDep, KeyDep, OwnerDep
 from matiere.service.errors import Problem, pointer, problem_of
 from matiere.service.jsonbody import StrictRoute
 from matiere.service.schemas import JOB_FILES, Change, JobPage, JobSubmission, JobView
@@ -34,6 +34,7 @@ def submit_job(
     engine: EngineDep,
     in_flight: InFlightDep,
     key: KeyDep,
+    owner: OwnerDep,
 ) -> JobView:
     """Queue one scene. The job is durable when this answers; a cached film answers 202 too."""
     pins = submission.pins()
@@ -49,6 +50,7 @@ def submit_job(
                 deadline=submission.deadline,
                 after=submission.after,
                 idempotency_key=key,
+                owner=owner,
             )
         except MatiereError as error:
             raise submission_problem(error, "/scene", OWN) from error

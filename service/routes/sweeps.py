@@ -12,7 +12,7 @@ from matiere.jobs.engine import Engine
 from matiere.jobs.errors import JobNotFound, NotReadyYet
 from matiere.jobs.job import JobState, Sweep
 from matiere.service import deps
-from matiere.service.deps import EngineDep, InFlightDep, KeyDep
+from matiere.service.deps import EngineDep, InFlightDep, KeyDep, OwnerDep
 from matiere.service.errors import Problem
 from matiere.service.jsonbody import StrictRoute
 from matiere.service.routes.jobs import (
@@ -46,6 +46,7 @@ def submit_sweep(
     engine: EngineDep,
     in_flight: InFlightDep,
     key: KeyDep,
+    owner: OwnerDep,
 ) -> SweepView:
     """Queue one job per cell, all or none. The cells are durable when this answers."""
     pins, language = submission.pins(), submission.language()
@@ -64,6 +65,7 @@ def submit_sweep(
                 deadline=submission.deadline,
                 after=submission.after,
                 idempotency_key=key,
+                owner=owner,
                 **language,
             )
         except MatiereError as error:

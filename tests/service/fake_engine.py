@@ -37,11 +37,24 @@ from matiere.jobs.job import (
     Sweep,
     check_transition,
 )
+from matiere.jobs.keys import KeyNotFound
 from matiere.jobs.measure import Measures
 
 FILES = ("image.png", "image.exr", "report.json", "error.svg", "thumbnail.jpg")
 MAX_ASSET_BYTES = 100_000  # what the served application of the tests allows
 BODY_TIMEOUT_S = 0.5
+
+
+class NoKeys:
+    """The keys of a store that has none."""
+
+    def list(self) -> list[Any]:
+        """Return none."""
+        return []
+
+    def get(self, key_id: str) -> Any:
+        """Find none."""
+        raise KeyNotFound(key_id)
 
 
 class FakeEngine(Engine):
@@ -53,11 +66,17 @@ class FakeEngine(Engine):
         self.jobs: dict[str, Job] = {}
         self.sweeps: dict[str, Sweep] = {}
         self.assets: set[str] = set()
-        self.keys: dict[str, tuple[str, str]] = {}
+        self.repeats: dict[str, tuple[str, str]] = {}
         self.is_draining = False
         self.failing: Exception | None = None  # raised by the next submission
         self.gate: threading.Event | None = None  # held submissions wait for it
         self.submissions = 0
+        self.some_keys: Any = None
+
+    @property
+    def keys(self) -> Any:
+        """Return the keys that a test gave, or none."""
+        return self.some_keys or NoKeys()
 
     def close(self) -> None:
         """Do nothing."""
@@ -73,6 +92,7 @@ class FakeEngine(Engine):
         deadline: float | str | None = None,
         after: Sequence[str] = (),
         idempotency_key: str | None = None,
+        owner: str | None = None,
     ) -> Job:
         """Keep a job."""
         if self.gate is not None:
@@ -84,14 +104,14 @@ class FakeEngine(Engine):
         if scene.get("version") != 1:
             raise SceneValidationError([Fault("/version", "literal_error", "must be 1")])
         body = json.dumps([scene, stop, assets, priority, label], sort_keys=True, default=str)
-        if idempotency_key in self.keys:
-            known, job_id = self.keys[idempotency_key]
+        if idempotency_key in self.repeats:
+            known, job_id = self.repeats[idempotency_key]
             if known != body:
                 raise IdempotencyConflict("the key was used with another request")
             return self.jobs[job_id]
         job = self._keep(label, priority, dict(stop or {}))
         if idempotency_key is not None:
-            self.keys[idempotency_key] = (body, job.id)
+            self.repeats[idempotency_key] = (body, job.id)
         return job
 
     def _keep(self, label: str, priority: int, stop: dict[str, Any], **more: Any) -> Job:
@@ -214,6 +234,7 @@ class FakeEngine(Engine):
         deadline: float | str | None = None,
         after: Sequence[str] = (),
         idempotency_key: str | None = None,
+        owner: str | None = None,
         **language: Any,
     ) -> Sweep:
         """Keep a sweep along its first axis."""
