@@ -174,7 +174,7 @@ def test_native_faults_among_good_jobs(tmp_path: Path, monkeypatch: pytest.Monke
         "spin": "time_limit",
         "hog": "out_of_memory",
     }
-    limits = {"child_memory_bytes": 512 * MIB, "claim_limit_s": 5.0}
+    limits = {"child_memory_bytes": 512 * MIB, "claim_limit_s": 10.0}
     monkeypatch.setattr(scheduler, "RESTART_WAIT_S", (0.0,))
     with open_engine(tmp_path, children=2, **FAKE, **limits) as engine:
         good = [engine.submit_job(SCENE | {"value": 100.0 + i}) for i in range(40)]

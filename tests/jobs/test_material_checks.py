@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import contextlib
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 from conftest_jobs import SCENE
@@ -52,12 +54,20 @@ def test_a_crash_is_told_once(engine: Engine) -> None:
     assert engine.check_material({"type": "good"})["verdict"] == "pass"
 
 
+def checked(engine: Engine, material: dict[str, Any], **options: Any) -> dict[str, Any]:
+    """Check a material, asking again while a loaded machine has no time for it."""
+    for _ in range(9):
+        with contextlib.suppress(Busy):
+            return engine.check_material(material, **options)
+    return engine.check_material(material, **options)
+
+
 @pytest.mark.slow
 def test_a_real_material_is_checked_and_a_wrong_one_refused(tmp_path: Path) -> None:
     with open_engine(tmp_path / "data", children=1) as real:
-        report = real.check_material({"type": "plastic", "alpha": 0.0}, plots=True)
+        report = checked(real, {"type": "plastic", "alpha": 0.0}, plots=True)
         assert report["verdict"] == "pass" and report["limits"][0]["pointer"] == "/alpha"
         assert report["plots"]["polar"].startswith("<svg")
         with pytest.raises(SceneValidationError) as caught:
-            real.check_material({"type": "plastic", "alpha": 2})
+            checked(real, {"type": "plastic", "alpha": 2})
         assert caught.value.errors[0]["pointer"] == "/alpha"

@@ -203,7 +203,7 @@ def test_a_hit_between_choosing_and_evicting_keeps_the_film(shelf: Shelf) -> Non
 
 def test_a_hit_between_choosing_and_removing_keeps_the_result(shelf: Shelf) -> None:
     old = shelf.done(1)
-    before = shelf.now + 1
+    before = time.time() + 1
     chosen = shelf.db.read(lambda c: garbage.old_jobs(c, before, 10))
     assert chosen == [old]
     hit = shelf.submit(1)  # takes its references in the transaction of the lookup
@@ -217,7 +217,7 @@ def test_a_hit_between_choosing_and_removing_keeps_the_result(shelf: Shelf) -> N
 def test_a_reference_between_marking_and_unlinking_keeps_the_file(shelf: Shelf) -> None:
     job_id = shelf.done(1)
     shelf.db.write(lambda c: files.drop_reference(c, ("job", job_id)))
-    assert shelf.db.write(lambda c: garbage.mark_unnamed(c, shelf.now + 1, 10)) == 1
+    assert shelf.db.write(lambda c: garbage.mark_unnamed(c, time.time() + 1, 10)) == 1
     again = shelf.blob("image 1")  # a child makes the same image again
     shelf.db.write(lambda c: files.add_reference(c, ("job", job_id), "image.png", again))
     shelf.storage.unlink()
@@ -228,7 +228,7 @@ def test_a_reference_after_unlinking_is_refused_and_its_file_made_again(shelf: S
     job_id = shelf.done(1)
     shelf.db.write(lambda c: files.drop_reference(c, ("job", job_id)))
     late = shelf.blob("image 1")  # written while the old one is still there ...
-    shelf.db.write(lambda c: garbage.mark_unnamed(c, shelf.now + 1, 10))
+    shelf.db.write(lambda c: garbage.mark_unnamed(c, time.time() + 1, 10))
     assert shelf.storage.unlink() == 1  # ... unlinked before its report arrives
     with pytest.raises(FileGone):
         shelf.db.write(lambda c: files.add_reference(c, ("job", job_id), "image.png", late))
@@ -242,7 +242,7 @@ def test_a_collector_killed_after_unlinking_leaves_nothing_wrong(
 ) -> None:
     job_id = shelf.done(1)
     shelf.db.write(lambda c: files.drop_reference(c, ("job", job_id)))
-    shelf.db.write(lambda c: garbage.mark_unnamed(c, shelf.now + 1, 10))
+    shelf.db.write(lambda c: garbage.mark_unnamed(c, time.time() + 1, 10))
     folder = shelf.data.artifacts
 
     def die(digests: Any) -> None:

@@ -21,7 +21,11 @@ VIEWS = ["/", "/?state=succeeded", "/jobs/{job}", "/jobs/{job}/live", "/submit",
 
 def get(site: Site, address: str, status: int = 200) -> httpx.Response:
     named = address.format(job=site.job, sweep=site.sweep, later=site.later)
-    answer = httpx.get(site.url + named, follow_redirects=True, timeout=30)
+    for _ in range(10):
+        answer = httpx.get(site.url + named, follow_redirects=True, timeout=30)
+        if answer.status_code != 429:  # a picture for which a loaded machine has no time yet
+            break
+        time.sleep(float(answer.headers["retry-after"]))
     assert answer.status_code == status, answer.text
     return answer
 

@@ -61,8 +61,9 @@ def http(queue: tuple[Engine, str]) -> Iterator[httpx.Client]:
 
 
 def files(folder: Path) -> set[Path]:
-    """Return every file below a folder, without the database's own."""
+    """Return every file below a folder, without the database's own and those half-written."""
     found = {path for path in folder.rglob("*") if path.is_file()}
+    found = {path for path in found if folder / "artifacts" / "tmp" not in path.parents}
     return {path for path in found if not path.name.startswith(("store.sqlite", "serve.log"))}
 
 
