@@ -54,17 +54,17 @@ class Pace:
 
 
 def figures(job: JobStatus, pace: Pace) -> str:
-    """Return samples, error and outlook of a job that has not ended."""
+    """Return samples and error of a job, and its outlook while it is rendered."""
     if job.state == "queued" and not job.spp:
         others = f"{job.waiting_for} other{'s' if job.waiting_for > 1 else ''}"
         waits = f", waits for {others}" if job.waiting_for else ""
         return f"queued{waits}"
     most = job.stop.get("spp")
-    samples = f"{job.spp:,} of {most:,} spp" if most else f"{job.spp:,} spp"
+    samples = f"{job.spp:,} of {most:,} spp" if most and most > job.spp else f"{job.spp:,} spp"
     told = [samples, format_error(job)]
-    if job.state != "running":
+    if job.state != "running" and not job.ended:
         told.insert(0, job.state)
-    elif ahead := outlook(job, pace):
+    elif job.state == "running" and (ahead := outlook(job, pace)):
         told.append(ahead)
     return ", ".join(told)
 

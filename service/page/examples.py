@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
-FOLDERS = (HERE / "examples", HERE.parents[1] / "examples" / "scenes")  # installed, checked out
+FOLDERS = (HERE / "scenes", HERE.parents[1] / "examples" / "scenes")  # installed, checked out
 MOST_BYTES = 40_000  # a scene that nobody would read in an editor
 LINE = 96
 

@@ -11,7 +11,7 @@ import pytest
 from page_support import Site
 
 from matiere.jobs.job import JobState
-from matiere.service.page import words
+from matiere.service.page import examples, words
 
 VIEWS = ["/", "/?state=succeeded", "/jobs/{job}", "/jobs/{job}/live", "/submit",
          "/submit?job={job}", "/submit?example=cornell", "/workers", "/workers/live", "/sweeps",
@@ -67,6 +67,12 @@ def test_the_newest_looks_of_a_long_job_are_told(site: Site) -> None:
     whole = [event for event in site.engine.events(job_id=site.job) if event.kind != "progress"]
     assert len(whole) > 3 and site.engine.history(site.job) == whole
     assert site.engine.history(site.job, 2) == whole[-2:], "not the oldest"
+
+
+def test_every_example_has_its_picture() -> None:
+    shelf = examples.shelf().values()
+    assert len(shelf) == 1 + len(examples.ABOUT)
+    assert [one.name for one in shelf if one.picture is None] == [], "examples/make_shelf.py"
 
 
 @pytest.mark.parametrize(

@@ -92,6 +92,8 @@ def test_states_other_than_running_are_named() -> None:
     assert (
         figures(job(state="queued", spp=0, waiting_for=2), Pace()) == "queued, waits for 2 others"
     )
+    reused = job(state="succeeded", spp=2048)
+    assert figures(reused, Pace()) == "2,048 spp, error unknown", "an earlier render had more"
     assert figures(job(state="paused"), paced(1.0)) == "paused, 256 of 1,024 spp, error unknown"
 
 
