@@ -312,6 +312,10 @@ class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges)
         """Return a job. Raises `JobNotFound`."""
         return self._recent.get(job_id, lambda: self._db.read(views.get_job, job_id))
 
+    def recent_job(self, job_id: str) -> Job | None:
+        """Return a job that was read since the last change, at once; None: `get_job` reads it."""
+        return self._recent.peek(job_id)
+
     def job_scene(self, job_id: str) -> JsonDict | None:
         """Return the scene that a job renders, without its stop rule; None where it is not kept."""
         return self._db.read(lambda c: views.job_scene(c, job_id))

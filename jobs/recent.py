@@ -28,6 +28,15 @@ class Recent(Generic[T]):
         self._flights: dict[tuple[int, str], Future[T]] = {}  # readings that others wait for
         self._lock = threading.Lock()
 
+    def peek(self, key: str) -> T | None:
+        """Return the value of `key` if it is known, without reading or waiting."""
+        if self._version is None:
+            return None
+        version, now = self._version(), time.monotonic()
+        with self._lock:
+            at, value = self._values.get(key, (0.0, None))
+            return value if self._of == version and now - at < FRESH_S else None
+
     def get(self, key: str, read: Callable[[], T]) -> T:
         """Return the value of `key`, by `read` unless it is known; what `read` raises is raised."""
         if self._version is None:

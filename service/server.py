@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import gc
 import logging
 import os
 import signal
@@ -312,6 +313,8 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 ("children", _renderers(settings, engine.children, engine.threads_per_child)),
             ]
         )
+        gc.collect()
+        gc.freeze()  # else a full collection walks all that start-up made, and all wait 0.1 s
         name = wait_for_signal(server)
         announce([(name, "finishing the running chunks; send it again to stop at once")])
         log.info("%s: draining", name)

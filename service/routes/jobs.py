@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from typing import Annotated, Any, TypeVar
 
 from fastapi import APIRouter, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
 
 from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
@@ -133,9 +134,11 @@ def legal() -> Iterator[None]:
 
 
 @router.get("/{job_id}", response_model=JobView)
-def get_job(job_id: str, response: Response, engine: EngineDep) -> JobView:
+async def get_job(job_id: str, response: Response, engine: EngineDep) -> JobView:
     """Read a job: state, samples, error with its interval, links to its files."""
-    job = find_job(engine, job_id)
+    job = engine.recent_job(job_id)  # most who poll cost neither a reading nor a thread
+    if job is None:
+        job = await run_in_threadpool(find_job, engine, job_id)
     if not job.state.final:
         response.headers.update(RETRY_AFTER)
     return JobView.of(job)

@@ -22,9 +22,13 @@ def test_a_value_is_read_once_between_commits() -> None:
 
     recent: Recent[int] = Recent(lambda: version[0])
     assert [recent.get("a", look) for _ in range(5)] == [0] * 5 and len(read) == 1
+    assert (recent.peek("a"), recent.peek("b")) == (0, None)
     version[0] = 1
+    assert recent.peek("a") is None, "a commit came"
     assert [recent.get("a", look) for _ in range(5)] == [1] * 5 and len(read) == 2
+    assert recent.peek("a") == 1
     time.sleep(FRESH_S)
+    assert recent.peek("a") is None
     recent.get("a", look)
     assert len(read) == 3, "ages rise without a commit"
 

@@ -163,6 +163,9 @@ class FakeEngine(Engine):
         self.jobs[job_id] = job
         return job
 
+    def recent_job(self, job_id: str) -> None:
+        """Remember nothing."""
+
     def get_job(self, job_id: str) -> Job:
         """Return a job."""
         if job_id not in self.jobs:
