@@ -85,11 +85,15 @@ class Reader:
         return text.replace("127.0.0.1:8470", f"127.0.0.1:{self.port}")
 
     def run(self, snippet: Snippet) -> None:
-        """Run a block and fail with its output if it fails."""
+        """Run a block and fail with its output if it fails; a shell keeps its variables."""
         language = {"sh": ["sh", "-eu"], "python": [sys.executable, "-"]}[snippet.language]
+        text = self._typed(snippet.text)
+        if snippet.language == "sh":
+            kept = shlex.quote(str(self.folder / ".variables"))
+            text = f"set -a\n[ ! -f {kept} ] || . {kept}\n{text}\nexport -p >{kept}\n"
         done = subprocess.run(
             language,
-            input=self._typed(snippet.text),
+            input=text,
             cwd=self.folder,
             env=self.environment,
             capture_output=True,
@@ -118,13 +122,16 @@ class Reader:
             process.wait(60)
 
     def _await_port(self, process: "subprocess.Popen[bytes]") -> None:
-        end = time.monotonic() + 60
+        """Wait until it has printed its URL: then commands find it by its data directory too."""
+        log = self.folder / "serve.log"
+        end = time.monotonic() + 120
         while time.monotonic() < end and process.poll() is None:
             with socket.socket() as probe:
-                if probe.connect_ex(("127.0.0.1", self.port)) == 0:
-                    return
+                answers = probe.connect_ex(("127.0.0.1", self.port)) == 0
+            if answers and "url " in log.read_text(encoding="utf-8"):
+                return
             time.sleep(0.1)
-        pytest.fail(f"no service: {(self.folder / 'serve.log').read_text(encoding='utf-8')}")
+        pytest.fail(f"no service: {log.read_text(encoding='utf-8')}")
 
 
 @pytest.mark.slow

@@ -108,6 +108,9 @@ def test_axes_of_a_sweep_are_switched_and_cells_compared(page: Any, site: Site) 
     )
     page.get_by_label("Slide between the two").fill("25")
     assert "75%" in page.locator(".top-image").evaluate("i => i.style.clipPath")
+    chosen = [site.engine.get_job(one) for one in re.findall(r"cell=([^&]+)", page.url)]
+    shown = page.locator("img.top-image").get_attribute("alt")
+    assert shown == chosen[0].label == page.locator(".ends span").first.inner_text()[3:]
     drawn = page.locator("img.map").evaluate("i => i.decode().then(() => i.naturalWidth)")
     assert drawn > 100
 

@@ -1,8 +1,8 @@
 // Two cells over each other, and the comparison in words.
-import { ask, ready } from "./common.js";
+import { ask, persist, ready } from "./common.js";
 
 const BUSY_MS = 1500;
-const TRIES = 8;
+const TRIES = 20;
 const over = document.getElementById("over");
 const wipe = document.getElementById("wipe");
 const statement = document.getElementById("statement");
@@ -30,4 +30,5 @@ async function tell() {
 wipe?.addEventListener("input", slide);
 if (wipe) slide();
 if (statement) tell();
+persist(document);
 ready();
