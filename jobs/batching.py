@@ -198,7 +198,8 @@ class Batching:
         if failed := body["failed"]:
             self._failed(failed)
         samples = {f["id"]: _rendered(films[f["id"]], f) for f in body["films"]}
-        report = BatchReport(held.token, blob, body["films"], samples)
+        told = body.get("printed", "")
+        report = BatchReport(held.token, blob, body["films"], samples, told)
         try:
             accepted = s.db.write(lambda c: batches.complete_films(c, report))
         except FileGone as error:

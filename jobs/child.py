@@ -11,6 +11,7 @@ orphan. Requests: `{"op": "render"|"batch"|"expand"|"check"|"stability"|"merge"|
 from __future__ import annotations
 
 import argparse
+import contextlib
 import ctypes
 import errno
 import faulthandler
@@ -34,6 +35,7 @@ from matiere.jobs.job import JsonDict
 
 PR_SET_PDEATHSIG = 1
 NICE = 10
+PRINTED_BYTES = 4096  # that a report tells of what was printed meanwhile
 OOM_SCORE_ADJ = 500  # when memory runs out a child goes before the service does
 
 
@@ -129,15 +131,17 @@ class Child:
         with self._lock:
             self._current = (token, flag)
             unwanted = token in self._cancelled
+        before = _log_size()
         try:
             answer = None if unwanted else self._answer(request, flag)
         except BaseException as error:
-            self.reports.send("failed", token=token, **describe(error))
+            report = describe(error)
+            self.reports.send("failed", token=token, printed=_printed(before), **report)
         else:
             if answer is None:
                 self.reports.send("cancelled", token=token)
             else:
-                self.reports.send("done", token=token, **answer)
+                self.reports.send("done", token=token, printed=_printed(before), **answer)
         finally:
             with self._lock:
                 self._current = None
@@ -195,6 +199,25 @@ class Child:
 
         answer: JsonDict | None = self._batches.render(request, self.folder, flag, begun)
         return answer
+
+
+def _log_size() -> int:
+    """Return how long the file is that this process prints to; 0 for what is no file."""
+    with contextlib.suppress(OSError):
+        return os.fstat(2).st_size
+    return 0
+
+
+def _printed(before: int) -> str:
+    """Return the end of what was printed since the log had `before` bytes."""
+    size = _log_size()
+    if size <= before:
+        return ""
+    sys.stderr.flush()
+    with contextlib.suppress(OSError), Path("/proc/self/fd/2").open("rb") as log:
+        log.seek(max(before, size - PRINTED_BYTES))
+        return log.read(PRINTED_BYTES).decode(errors="replace")
+    return ""
 
 
 def locate_assets(request: JsonDict, data: Path) -> None:

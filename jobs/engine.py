@@ -18,7 +18,6 @@ other bytes fails the job as `asset_changed`.
 
 from __future__ import annotations
 
-import hashlib
 import importlib
 import logging
 import os
@@ -35,18 +34,16 @@ from uuid6 import uuid7
 from matiere.errors import Fault, SceneValidationError
 from matiere.jobs import deadline as deadlines
 from matiere.jobs import tracing
-from matiere.jobs.artifacts import fsync_folder
 from matiere.jobs.cluster.member import cluster_of
 from matiere.jobs.controls import Controls
-from matiere.jobs.datadir import DataDir, is_digest
+from matiere.jobs.datadir import DataDir
 from matiere.jobs.engine_access import EngineAccess
 from matiere.jobs.engine_gauges import Gauges
+from matiere.jobs.engine_history import EngineHistory
 from matiere.jobs.engine_nights import EngineNights
 from matiere.jobs.engine_pictures import BREAKDOWNS, Album, EnginePictures
 from matiere.jobs.errors import (
-    AssetMismatch,
     Busy,
-    DiskFull,
     Draining,
     JobNotFound,
     JobsError,
@@ -75,6 +72,7 @@ from matiere.jobs.store import batches, cells, files, films, jobs, views
 from matiere.jobs.store.database import Database
 from matiere.jobs.submission import Request, Submitter, body_hash
 from matiere.jobs.term import Term
+from matiere.jobs.uploads import Uploads
 
 log = logging.getLogger("matiere.jobs.engine")
 DEFAULT_WORK = "matiere.jobs.work"
@@ -140,7 +138,7 @@ def open_engine(
     return engine
 
 
-class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges):
+class Engine(Controls, EngineAccess, EngineHistory, EngineNights, EnginePictures, Feed, Gauges):
     """An open job queue; make one with `open_engine`."""
 
     def __init__(self, data: DataDir, database: Database, options: Options, limits: Limits) -> None:
@@ -152,6 +150,7 @@ class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges)
         self._follow()
         self._recent: Recent[Job] = Recent(None if database.shared else lambda: self._version)
         self._album = Album()
+        self.uploads = Uploads(data, options.min_free_bytes)
         module = importlib.import_module(options.work)
         self._db.on_commit = self._notify
         term = Term(database)
@@ -327,9 +326,16 @@ class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges)
         sweep_id: str | None = None,
         after: str | None = None,
         limit: int = 100,
+        label: str | None = None,
+        order: str | None = None,
     ) -> list[Job]:
-        """List jobs, newest first; cells of a sweep by cell index. `after` is the last id seen."""
-        return self._db.read(lambda c: views.list_jobs(c, state, sweep_id, after, limit))
+        """List jobs, newest first; cells of a sweep by cell index.
+
+        `order` is created, -created, finished or -finished (those that have ended). `after` is
+        the `views.position` of the last one seen: its id, but where the order is by end.
+        """
+        how = {"label": label, "order": order}
+        return self._db.read(lambda c: views.list_jobs(c, state, sweep_id, after, limit, **how))
 
     def wait_job(self, job_id: str, timeout_s: float | None = None) -> Job:
         """Return the job once it has ended, or as it is when the time is up."""
@@ -387,9 +393,17 @@ class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges)
         """Return a sweep with the counts of its cells. Raises `JobNotFound`."""
         return self._db.read(lambda c: views.get_sweep(c, sweep_id))
 
-    def list_sweeps(self, *, after: str | None = None, limit: int = 100) -> list[Sweep]:
-        """List sweeps, newest first."""
-        return self._db.read(lambda c: views.list_sweeps(c, after, limit))
+    def list_sweeps(
+        self,
+        *,
+        after: str | None = None,
+        limit: int = 100,
+        label: str | None = None,
+        order: str | None = None,
+    ) -> list[Sweep]:
+        """List sweeps, newest first, or as `list_jobs`."""
+        how = {"label": label, "order": order}
+        return self._db.read(lambda c: views.list_sweeps(c, after, limit, **how))
 
     def wait_sweep(self, sweep_id: str, timeout_s: float | None = None) -> Sweep:
         """Return the sweep once all cells and its contact sheet are done, or when time is up."""
@@ -428,11 +442,7 @@ class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges)
     # -- assets -------------------------------------------------------------------------------
     def missing_assets(self, digests: Iterable[str]) -> list[str]:
         """Return those SHA-256 digests (lower-case hex) that must still be uploaded."""
-        return [
-            digest
-            for digest in dict.fromkeys(digests)
-            if not is_digest(digest) or not self._data.asset_path(digest).exists()
-        ]
+        return [digest for digest in dict.fromkeys(digests) if not self.uploads.held(digest)]
 
     def check_material(
         self,
@@ -469,36 +479,9 @@ class Engine(Controls, EngineAccess, EngineNights, EnginePictures, Feed, Gauges)
     def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
         """Store streamed bytes under their digest; false if they were there already.
 
-        Raises `AssetMismatch` (nothing is kept) or `DiskFull`.
+        Raises `AssetMismatch` (nothing is kept) or `DiskFull`. `uploads` takes them in pieces.
         """
-        if not is_digest(digest):
-            raise AssetMismatch(f"{digest!r} is not a SHA-256 in lower-case hex")
-        target = self._data.asset_path(digest)
-        if target.exists():
-            for _ in stream:
-                pass
-            return False
-        target.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
-        temporary = target.with_name(f"{uuid7()}.tmp")
-        hasher = hashlib.sha256()
-        try:
-            with temporary.open("xb") as file:
-                for piece in stream:
-                    hasher.update(piece)
-                    file.write(piece)
-                file.flush()
-                os.fsync(file.fileno())
-            if hasher.hexdigest() != digest:
-                raise AssetMismatch(
-                    f"the bytes have SHA-256 {hasher.hexdigest()}, not {digest}; nothing was kept"
-                )
-            temporary.replace(target)
-            fsync_folder(target.parent)
-        except OSError as error:
-            raise DiskFull(f"the asset cannot be stored: {error.strerror}") from error
-        finally:
-            temporary.unlink(missing_ok=True)
-        return True
+        return self.uploads.whole(digest, stream)
 
     # -- inside -------------------------------------------------------------------------------
     def _accepting(self) -> None:

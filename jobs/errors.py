@@ -6,6 +6,8 @@ MatiereError (matiere.errors)
    +- NotReadyYet          not_ready            the artifact is still being made
    +- AssetMissing         asset_missing        a named asset has not been uploaded
    +- AssetMismatch        asset_mismatch       uploaded bytes do not have the named digest
+   +- UploadBusy           upload_busy          another request writes the same upload
+   +- WrongOffset          wrong_offset         an upload goes on where it did not end
    +- IdempotencyConflict  idempotency_conflict same key, other request
    +- DataDirLocked        data_dir_locked      another process owns the data directory
    +- StoreError           store_error          the database refuses or is newer than us
@@ -107,3 +109,20 @@ class DeletionRefused(JobsError):
     """Not to be deleted as it stands: `code` is part_of_sweep, pinned or waited_for."""
 
     default_code = "pinned"
+
+
+class UploadBusy(JobsError):
+    """Another request is writing to the same unfinished upload."""
+
+    default_code = "upload_busy"
+
+
+class WrongOffset(JobsError):
+    """An upload is to be continued elsewhere: `offset` bytes of it are kept."""
+
+    default_code = "wrong_offset"
+
+    def __init__(self, message: str, offset: int) -> None:
+        """Say where it ended."""
+        super().__init__(message)
+        self.offset = offset

@@ -203,7 +203,8 @@ class Scheduler(Questions, threading.Thread):
         if not self.folder.has(blob.digest, blob.size):
             self._give_back(held, Loss(held.token, held.film_id, "lost", "file_missing"))
             return
-        report = Report(held.token, held.film_id, blob, body["seconds"], held.samples)
+        told = body.get("printed", "")
+        report = Report(held.token, held.film_id, blob, body["seconds"], held.samples, told)
         try:
             accepted = self.db.write(lambda c: films.complete(c, report))
         except files.FileGone:

@@ -25,6 +25,7 @@ from matiere.jobs.job import JsonDict
 from matiere.jobs.rules import Rules
 from matiere.jobs.store import events, files, garbage, removal
 from matiere.jobs.store.database import Database
+from matiere.jobs.uploads import Uploads
 
 log = logging.getLogger("matiere.jobs.storage")
 
@@ -166,7 +167,8 @@ class Storage:
         while self._db.write(lambda c: garbage.mark_unnamed(c, unnamed, SLICE)):
             pass
         self.unlink()
-        self._db.compact()
+        Uploads(self._data, 0).sweep(self._clock())
+        self._db.compact(waited_for=not self.alone)
         if found.anything:
             log.info("collected %s", asdict(found))
         return found

@@ -28,6 +28,7 @@ from matiere.service.routes import (
     checks,
     events,
     health,
+    history,
     jobs,
     keys,
     materials,
@@ -42,14 +43,16 @@ from matiere.service.settings import Settings
 
 API_VERSION = "1.0.0"
 HANDLER_THREADS = 32
+UPLOADS_AT_ONCE = 16
 
 _DESCRIPTION = """Renders materials described in JSON and says how large the error of each image is.
 Every error is an RFC 9457 problem document with a stable `code` and JSON pointers."""
 
 
 @asynccontextmanager
-async def _lifespan(_app: FastAPI) -> AsyncIterator[None]:
+async def _lifespan(app: FastAPI) -> AsyncIterator[None]:
     anyio.to_thread.current_default_thread_limiter().total_tokens = HANDLER_THREADS
+    app.state.uploads = anyio.CapacityLimiter(UPLOADS_AT_ONCE)
     yield
 
 
@@ -86,7 +89,7 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
         gate=gate,
     )
     app.add_middleware(MetricsMiddleware, metrics=app.state.metrics)  # outermost
-    of_jobs = (events, jobs, sweeps, nights, pictures, assets)
+    of_jobs = (events, jobs, history, sweeps, nights, pictures, assets)
     for routes in (*of_jobs, materials, checks, storage, keys, health, metrics):
         app.include_router(routes.router)
     app.include_router(page)

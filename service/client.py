@@ -29,8 +29,9 @@ from typing import Any, Literal, TypeVar
 import httpx
 
 from matiere.service import client_watch
-from matiere.service.client_files import file_digest, files_of_sweep, local_files, read_scene
+from matiere.service.client_files import files_of_sweep, local_files, read_scene
 from matiere.service.client_storage import StorageCalls
+from matiere.service.client_upload import RETRIED, UploadCalls
 from matiere.service.client_views import (
     JobStatus,
     ServiceError,
@@ -55,16 +56,14 @@ __all__ = [
 
 DEFAULT_URL = "http://127.0.0.1:8470"
 POLL_S = (0.05, 1.0)  # first and longest pause between two looks at a job
-PIECE = 2**20
 SUBMIT_TIMEOUT_S = 600.0  # every cell of a large sweep is checked before the answer
 
-_RETRIED = (httpx.ConnectError, httpx.ReadError, httpx.WriteError, httpx.RemoteProtocolError)
 FileKind = Literal["image.png", "image.exr", "report.json", "error.svg", "thumbnail.jpg"]
 _URL_OF_KIND = {"report.json": "report", "error.svg": "error-plot.svg"}
 _Status = TypeVar("_Status", JobStatus, SweepStatus)
 
 
-class Client(StorageCalls):
+class Client(StorageCalls, UploadCalls):
     """Talks to one service; close it, or use it in a `with` block.
 
     It is for one thread at a time. Every call may raise `ServiceError`, with the `code` of
@@ -198,6 +197,7 @@ class Client(StorageCalls):
         if priority is not None:
             body["priority"] = priority
         headers = {"Idempotency-Key": key or uuid.uuid4().hex}
+        self.upload_missing(files, on_upload)
         for _ in range(3):  # another client may remove what we uploaded a moment ago
             try:
                 answer = self._request(
@@ -211,32 +211,6 @@ class Client(StorageCalls):
                 for name in missing:
                     self.upload(files[name][1], files[name][0], name=name, on_upload=on_upload)
         raise ServiceError({"code": "asset_missing", "detail": "uploads do not stay"}, 422)
-
-    def upload(
-        self,
-        path: str | os.PathLike[str],
-        digest: str | None = None,
-        *,
-        name: str | None = None,
-        on_upload: Callable[[str, int, int], None] | None = None,
-    ) -> str:
-        """Upload one file and return its SHA-256."""
-        path = Path(path)
-        digest = digest or file_digest(path)
-        size = path.stat().st_size
-
-        def pieces() -> Iterator[bytes]:
-            sent = 0
-            with path.open("rb") as file:
-                while piece := file.read(PIECE):
-                    yield piece
-                    sent += len(piece)
-                    if on_upload is not None:
-                        on_upload(name or path.name, sent, size)
-
-        headers = {"Content-Type": "application/octet-stream", "Content-Length": str(size)}
-        self._request("PUT", f"/v1/assets/{digest}", pieces=pieces, headers=headers)
-        return digest
 
     def job(self, job_id: str) -> JobStatus:
         """Return a job."""
@@ -448,8 +422,6 @@ class Client(StorageCalls):
         self,
         method: str,
         url: str,
-        *,
-        pieces: Callable[[], Iterator[bytes]] | None = None,
         **more: Any,
     ) -> httpx.Response:
         """Send a request, again while the service is unreachable or asks to wait."""
@@ -457,9 +429,8 @@ class Client(StorageCalls):
         pause = 0.1
         while True:
             try:
-                content = pieces() if pieces else None
-                answer = self._http.request(method, url, content=content, **more)
-            except _RETRIED as error:
+                answer = self._http.request(method, url, **more)
+            except RETRIED as error:
                 never = isinstance(error, httpx.ConnectError) and not self._reached
                 if never or time.monotonic() > deadline:
                     raise Unreachable(

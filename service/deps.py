@@ -4,14 +4,15 @@ from __future__ import annotations
 
 import base64
 import binascii
+import hashlib
 import json
 import re
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import Annotated, cast
+from typing import Annotated, Literal, cast
 
-from fastapi import Depends, Header, Request
+from fastapi import Depends, Header, Query, Request
 from starlette.responses import FileResponse, Response, StreamingResponse
 
 from matiere.jobs.engine import Engine
@@ -122,6 +123,21 @@ EngineDep = Annotated[Engine, Depends(_engine)]
 SettingsDep = Annotated[Settings, Depends(_settings)]
 InFlightDep = Annotated[InFlight, Depends(_in_flight)]
 KeyDep = Annotated[str | None, Depends(idempotency_key)]
+
+
+Order = Annotated[
+    Literal["created", "-created", "finished", "-finished"] | None,
+    Query(description="`-` turns it round: the newest first; finished lists what has ended"),
+]
+LabelIs = Annotated[str | None, Query(max_length=200, description="only those with this label")]
+
+
+def list_kind(name: str, *filters: object) -> str:
+    """Return what a cursor is good for: a list and its filters."""
+    if not any(filters):
+        return name
+    given = json.dumps([str(one or "") for one in filters])
+    return f"{name}:{hashlib.sha256(given.encode()).hexdigest()[:16]}"
 
 
 def encode_cursor(kind: str, last_id: str) -> str:

@@ -95,7 +95,8 @@ CODES: dict[str, Kind] = {
     "job_not_finished": Kind(
         409,
         "The job has no result yet",
-        "GET the job until `state` is `succeeded`, then ask again.",
+        "GET the job until `state` is `succeeded`, then ask again; `links` lead to what there is"
+        " already: its events, and once it has samples a preview.",
     ),
     "job_not_succeeded": Kind(
         409,
@@ -131,6 +132,16 @@ CODES: dict[str, Kind] = {
         409,
         "The first request with this Idempotency-Key is still being accepted",
         "Wait a second and send the same request again.",
+    ),
+    "wrong_offset": Kind(
+        409,
+        "The upload does not go on where it ended",
+        "Send the bytes from `Upload-Offset` on; HEAD tells it too.",
+    ),
+    "upload_busy": Kind(
+        409,
+        "Another request is uploading this asset",
+        "Wait as `Retry-After` says, then ask HEAD whether it is there.",
     ),
     "asset_mismatch": Kind(
         422,

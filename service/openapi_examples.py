@@ -137,6 +137,9 @@ BODIES: dict[str, dict[str, Any]] = {
             {"a": JOB, "b": SWEEP, "significance": 0.01, "method": "bh", "listed": 20},
         ),
     },
+    "POST /v1/assets:missing": {
+        "two": _example("which of these are to be uploaded?", {"sha256": [DIGEST, "0" * 64]}),
+    },
     "PUT /v1/assets/{sha256}": {"bytes": _example("the bytes of the file", "test")},
 }
 
@@ -151,6 +154,7 @@ PARAMETERS: dict[str, Any] = {
     "sha256": DIGEST,
     "page": 0,
     "Idempotency-Key": "ball-1",
+    "Content-Range": "bytes 0-3/4",
     "Last-Event-ID": "17",
     "limit": 20,
     "state": "succeeded",

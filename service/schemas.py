@@ -349,7 +349,8 @@ class JobView(BaseModel):
     def of(cls, job: Job) -> JobView:
         """Show `job`."""
         self_link = f"/v1/jobs/{job.id}"
-        links = {"self": self_link, "events": f"{self_link}/events"}
+        links = {"self": self_link}
+        links |= {name: f"{self_link}/{name}" for name in ("events", "log", "attempts")}
         for action in steps(job.state):
             links[action] = f"{self_link}:{action}"
         for kind in job.artifacts:

@@ -16,6 +16,7 @@ from __future__ import annotations
 import asyncio
 import ipaddress
 import socket
+import time
 from collections.abc import Iterable
 
 import psutil
@@ -28,6 +29,7 @@ from matiere.service.page.site import failure
 
 READS = frozenset({"GET", "HEAD", "OPTIONS"})
 LOOPBACK_NAMES = ("localhost", "127.0.0.1", "[::1]")
+MIN_BYTES_PER_S = 512  # of a body, on the average, once it has taken `body_timeout_s`
 ASSET_PREFIX = "/v1/assets/"
 _HEADERS = (
     (b"x-content-type-options", b"nosniff"),
@@ -135,7 +137,7 @@ class SecurityMiddleware:
             raise Problem("host_not_allowed", f"This service does not answer for host {shown!r}.")
 
     def _counted(self, receive: Receive, limit: int) -> Receive:
-        received, more = 0, True
+        received, more, begun = 0, True, time.monotonic()
 
         async def counted() -> Message:
             nonlocal received, more
@@ -143,6 +145,10 @@ class SecurityMiddleware:
                 return await receive()
             message = await self._timed(receive)
             received += len(message.get("body", b""))
+            took = time.monotonic() - begun
+            if took > self.body_timeout_s and received < MIN_BYTES_PER_S * took:
+                why = f"The body came at less than {MIN_BYTES_PER_S} bytes a second."
+                raise Problem("request_timeout", why, headers={"Connection": "close"})
             more = message.get("more_body", False)
             if received > limit:
                 raise _too_large(limit)

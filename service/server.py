@@ -31,6 +31,7 @@ from matiere.errors import MatiereError
 from matiere.service.broadcast import Broadcaster
 from matiere.service.lockfile import read_announcement
 from matiere.service.logs import open_log
+from matiere.service.patience import PatientProtocol, raise_file_limit
 from matiere.service.settings import Settings
 
 LISTEN_BACKLOG = 512
@@ -146,6 +147,7 @@ class BackgroundServer:
     def __init__(self, app: FastAPI, sock: socket.socket) -> None:
         config = uvicorn.Config(
             app,
+            http=_protocol(),
             log_config=None,
             access_log=log.isEnabledFor(logging.INFO),
             server_header=False,
@@ -195,6 +197,13 @@ class BackgroundServer:
         self._streams.end()
         self._thread.join(10)
         self._sock.close()
+
+
+def _protocol() -> type[PatientProtocol]:
+    class Protocol(PatientProtocol):
+        most_connections = raise_file_limit()
+
+    return Protocol
 
 
 class _Quiet(uvicorn.Server):

@@ -58,6 +58,7 @@ class BatchReport:
     blob: Blob | None
     films: Sequence[Mapping[str, Any]]
     samples: Mapping[int, int]  # by film
+    printed: str = ""  # by the child meanwhile
 
 
 def waiting_films(c: Connection, limit: int) -> list[SmallFilm]:
@@ -147,7 +148,7 @@ def any_wanted(c: Connection, token: int) -> bool:
 def complete_films(c: Connection, report: BatchReport) -> bool:
     """Store what was rendered and end the jobs that it satisfies; false if the claim was void."""
     now = time.time()
-    values: JsonDict = {"state": "merged", "ended": now}
+    values: JsonDict = {"state": "merged", "ended": now, "log_tail": report.printed or None}
     if report.blob is not None:
         values["digest"] = report.blob.digest
     mine = (attempt.c.id == report.token) & (attempt.c.state == "running")

@@ -201,12 +201,12 @@ class Database:
         files = (self.path, self.path.with_name(self.path.name + "-wal"))
         return sum(file.stat().st_size for file in files if file.exists())
 
-    def compact(self) -> bool:
+    def compact(self, waited_for: bool = True) -> bool:
         """Give the free pages of an SQLite file back to the disk, where they are worth the work.
 
         Writers wait meanwhile, about a second for 100 MB. PostgreSQL does so by itself.
         """
-        if self.path is None or not self.read(sqlite.worth_compacting):
+        if self.path is None or not self.read(sqlite.worth_compacting, waited_for):
             return False
         if shutil.disk_usage(self.path.parent).free < 3 * self.size():  # the copy, and its log
             return False

@@ -84,6 +84,7 @@ class Report:
     blob: Blob
     seconds: float  # thread seconds / slots
     pixel_samples: int
+    printed: str = ""  # by the child meanwhile
 
 
 @dataclass(frozen=True)
@@ -242,7 +243,13 @@ def complete(c: Connection, report: Report) -> bool:
     held = c.execute(
         sa.update(attempt)
         .where(attempt.c.id == report.token, attempt.c.state == "running")
-        .values(state="done", digest=report.blob.digest, seconds=report.seconds, ended=time.time())
+        .values(
+            state="done",
+            digest=report.blob.digest,
+            seconds=report.seconds,
+            log_tail=report.printed or None,
+            ended=time.time(),
+        )
     )
     mine = (chunk.c.film_id == report.film_id) & (chunk.c.token == report.token)
     if held.rowcount == 0:

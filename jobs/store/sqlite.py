@@ -91,11 +91,14 @@ def check_sqlite(connection: Connection, path: Path | None) -> None:
         raise StoreError(f"{path} is damaged: {'; '.join(map(str, found))}")
 
 
-def worth_compacting(connection: Connection) -> bool:
-    """Tell whether a quarter of the file, and not just a few pages, is free."""
+def worth_compacting(connection: Connection, waited_for: bool = True) -> bool:
+    """Tell whether a quarter of the file, and not just a few pages, is free.
+
+    A twentieth is enough where nobody waits meanwhile.
+    """
     free = int(connection.exec_driver_sql("PRAGMA freelist_count").scalar_one())
     pages = int(connection.exec_driver_sql("PRAGMA page_count").scalar_one())
-    return free >= COMPACT_PAGES and 4 * free >= pages
+    return 20 * free >= pages if not waited_for else free >= COMPACT_PAGES and 4 * free >= pages
 
 
 def vacuum(writer: Engine) -> None:

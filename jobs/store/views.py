@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import struct
 import time
 from collections.abc import Sequence
 from typing import Any
@@ -40,6 +41,8 @@ _FILM = [
 ]
 
 
+NEWEST = "-created"
+ENDED_ORDERS = ("finished", "-finished")  # of those that have ended
 NO_SWEEP = "none"  # in place of a sweep's id: jobs that are no cells
 INNER = ("film", "signature")  # files of a job that nobody fetches one by one
 
@@ -53,24 +56,68 @@ def get_job(c: Connection, job_id: str) -> Job:
 
 
 def list_jobs(
-    c: Connection, state: JobState | None, sweep_id: str | None, after: str | None, limit: int
+    c: Connection,
+    state: JobState | None,
+    sweep_id: str | None,
+    after: str | None,
+    limit: int,
+    *,
+    label: str | None = None,
+    order: str | None = None,
 ) -> list[Job]:
-    """Return jobs newest first (with NO_SWEEP only single ones), or a sweep's cells in order."""
+    """Return jobs newest first (with NO_SWEEP only single ones), or a sweep's cells in order.
+
+    `order` is one of ORDERS. `after` is the `position` of the last one seen.
+    """
     rows = sa.select(job, *_FILM).join(film).limit(limit)
     if state is not None:
         rows = rows.where(job.c.state == state.value)
+    if label is not None:
+        rows = rows.where(job.c.label == label)
     if sweep_id == NO_SWEEP:
         rows = rows.where(job.c.sweep_id.is_(None))
-    if sweep_id in (None, NO_SWEEP):
-        rows = rows.order_by(job.c.id.desc())
+    elif sweep_id is not None:
+        rows = rows.where(job.c.sweep_id == sweep_id)
+    if order is None and sweep_id not in (None, NO_SWEEP):
+        rows = rows.order_by(job.c.cell)
         if after is not None:
-            rows = rows.where(job.c.id < after)
+            last = sa.select(job.c.cell).where(job.c.id == after).scalar_subquery()
+            rows = rows.where(job.c.cell > last)
         return _jobs(c, rows)
-    rows = rows.where(job.c.sweep_id == sweep_id).order_by(job.c.cell)
+    return _jobs(c, _in_order(rows, job, order or NEWEST, after))
+
+
+def position(row: Job | Sweep, order: str | None) -> str:
+    """Return where a job or sweep stands in an order, for the list to go on after it."""
+    if order in ENDED_ORDERS:
+        return f"{struct.pack('>d', row.finished or 0.0).hex()}_{row.id}"
+    return row.id
+
+
+def _in_order(
+    rows: sa.Select[Any], table: sa.Table, order: str, after: str | None
+) -> sa.Select[Any]:
+    """Sort by when rows were made (their ids tell) or ended, and go on after a position."""
+    down = order.startswith("-")
+    keys: list[sa.ColumnElement[Any]] = [table.c.id]
+    values: list[Any] = [after]
+    if order in ENDED_ORDERS:
+        rows = rows.where(table.c.finished.is_not(None))
+        keys = [table.c.finished, table.c.id]
+        values = _unpacked(after)
     if after is not None:
-        last = sa.select(job.c.cell).where(job.c.id == after).scalar_subquery()
-        rows = rows.where(job.c.cell > last)
-    return _jobs(c, rows)
+        here, there = sa.tuple_(*keys), sa.tuple_(*map(sa.literal, values))
+        rows = rows.where(here < there if down else here > there)
+    return rows.order_by(*(key.desc() if down else key for key in keys))
+
+
+def _unpacked(after: str | None) -> list[Any]:
+    """Return moment and id of a position; the begin of the list for one that is none."""
+    try:
+        moment, _, name = (after or "").partition("_")
+        return [struct.unpack(">d", bytes.fromhex(moment))[0], name]
+    except (ValueError, struct.error):
+        return [0.0, ""]
 
 
 def cell_of(c: Connection, sweep_id: str, cell: int) -> Job | None:
@@ -112,12 +159,19 @@ def get_sweep(c: Connection, sweep_id: str) -> Sweep:
     return _sweeps(c, [row])[0]
 
 
-def list_sweeps(c: Connection, after: str | None, limit: int) -> list[Sweep]:
-    """Return sweeps, newest first."""
-    rows = sa.select(sweep).order_by(sweep.c.id.desc()).limit(limit)
-    if after is not None:
-        rows = rows.where(sweep.c.id < after)
-    return _sweeps(c, c.execute(rows).all())
+def list_sweeps(
+    c: Connection,
+    after: str | None,
+    limit: int,
+    *,
+    label: str | None = None,
+    order: str | None = None,
+) -> list[Sweep]:
+    """Return sweeps, newest first or in one of ORDERS, after a `position`."""
+    rows = sa.select(sweep).limit(limit)
+    if label is not None:
+        rows = rows.where(sweep.c.label == label)
+    return _sweeps(c, c.execute(_in_order(rows, sweep, order or NEWEST, after)).all())
 
 
 def job_scene(c: Connection, job_id: str) -> JsonDict | None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 from collections.abc import Mapping
 from pathlib import Path
@@ -12,7 +13,9 @@ from starlette.responses import RedirectResponse
 
 from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
+from matiere.jobs.errors import JobNotFound
 from matiere.jobs.job import Event, JobState
+from matiere.jobs.store.history import Attempt
 from matiere.service.deps import EngineDep
 from matiere.service.page import examples, words
 from matiere.service.page.plot import Forecast, Look, error_plot, looks_of
@@ -25,6 +28,7 @@ router = APIRouter(route_class=PageRoute, include_in_schema=False)
 PER_PAGE = 40
 NO_SWEEP = "none"  # as `GET /v1/jobs?sweep=none`: jobs that are no cells
 EVENTS = 400
+ATTEMPTS = 30  # newest claims that are shown
 # Views of the built-in configuration for the display that files are made for.
 SHOWN_VIEWS = (
     "ACES 2.0 - SDR 100 nits (Rec.709)", "Un-tone-mapped", "Video (colorimetric)", "Raw",
@@ -109,6 +113,7 @@ def _facts(engine: Engine, job: JobView) -> dict[str, Any]:
         "looks": looks,
         "forecast": forecast,
         "left": _left(job, forecast),
+        "attempts": _attempts(engine, job.id),
         "history": events,
         "picture": _picture(job),
         "output_exposure": _output(engine, job).get("exposure", 0.0),
@@ -118,6 +123,13 @@ def _facts(engine: Engine, job: JobView) -> dict[str, Any]:
 
 def _output(engine: Engine, job: JobView) -> dict[str, Any]:
     return dict((engine.job_scene(job.id) or {}).get("output", {}))
+
+
+def _attempts(engine: Engine, job_id: str) -> list[Attempt]:
+    """Return the newest claims; none of a job that was deleted a moment ago."""
+    with contextlib.suppress(JobNotFound):
+        return engine.attempts(job_id, limit=ATTEMPTS, newest=True)
+    return []
 
 
 def _looks(events: list[Event]) -> list[Look]:

@@ -13,8 +13,9 @@ from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
 from matiere.jobs.errors import AssetMissing, IllegalTransition, JobNotFound, NotReadyYet
 from matiere.jobs.job import Job, JobState
+from matiere.jobs.store.views import position
 from matiere.service import deps
-from matiere.service.deps import EngineDep, InFlightDep, KeyDep, OwnerDep
+from matiere.service.deps import EngineDep, InFlightDep, KeyDep, LabelIs, Order, OwnerDep
 from matiere.service.errors import Problem, pointer, problem_of
 from matiere.service.jsonbody import StrictRoute
 from matiere.service.schemas import JOB_FILES, Change, JobPage, JobSubmission, JobView
@@ -66,17 +67,21 @@ def list_jobs(
     sweep: Annotated[
         str | None, Query(description="only the cells of this sweep; none: only single jobs")
     ] = None,
+    label: LabelIs = None,
+    order: Order = None,
     cursor: Annotated[str | None, Query(max_length=500)] = None,
     limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = PAGE,
 ) -> JobPage:
-    """List jobs, newest first; the cells of a sweep by cell index."""
+    """List jobs, newest first unless `order` says else; the cells of a sweep by cell index."""
     if sweep is not None and not deps.is_id(sweep):
         raise Problem("sweep_not_found", "No sweep has this id.")
-    kind = f"jobs:{state or ''}:{sweep or ''}"
+    kind = deps.list_kind("jobs", state, sweep, label, order)
     after = deps.decode_cursor(kind, cursor)
-    jobs = engine.list_jobs(state=state, sweep_id=sweep, after=after, limit=limit + 1)
+    jobs = engine.list_jobs(
+        state=state, sweep_id=sweep, after=after, limit=limit + 1, label=label, order=order
+    )
     more, jobs = len(jobs) > limit, jobs[:limit]
-    next_cursor = deps.encode_cursor(kind, jobs[-1].id) if more else None
+    next_cursor = deps.encode_cursor(kind, position(jobs[-1], order)) if more else None
     return JobPage(jobs=[JobView.of(job) for job in jobs], next_cursor=next_cursor)
 
 
@@ -155,17 +160,24 @@ def job_file(request: Request, engine: Engine, job_id: str, kind: str) -> Respon
     try:
         artifact = engine.artifact(job_id, kind)
     except NotReadyYet:
-        raise Problem(
-            "job_not_finished",
-            f"The job is {job.state}, {100 * job.progress:.0f} % done.",
-            headers=RETRY_AFTER,
-            state=job.state,
-            progress=job.progress,
-            links={"job": f"/v1/jobs/{job.id}"},
-        ) from None
+        raise not_finished(job) from None
     except JobNotFound:
         raise Problem("artifact_not_found", f"The job has no {kind}.") from None
     return deps.file_response(request, artifact, f"{job_id}-{kind}")
+
+
+def not_finished(job: Job, detail: str = "") -> Problem:
+    """Return `job_not_finished`, with the links that help to wait."""
+    links = JobView.of(job).links
+    helpful = {name: links[name] for name in ("preview", "events", "log") if name in links}
+    return Problem(
+        "job_not_finished",
+        detail or f"The job is {job.state}, {100 * job.progress:.0f} % done.",
+        headers=RETRY_AFTER,
+        state=job.state,
+        progress=job.progress,
+        links={"job": links["self"], **helpful},
+    )
 
 
 _MEDIA: dict[str, str] = {

@@ -19,7 +19,7 @@ from matiere.jobs.job import Job
 from matiere.service.deps import EngineDep
 from matiere.service.errors import Problem, problem_of
 from matiere.service.jsonbody import StrictRoute, loads
-from matiere.service.routes.jobs import RETRY_AFTER, find_job, job_file
+from matiere.service.routes.jobs import RETRY_AFTER, find_job, job_file, not_finished
 from matiere.service.routes.sweeps import find_sweep
 
 router = APIRouter(prefix="/v1", tags=["pictures"], route_class=StrictRoute)
@@ -164,12 +164,7 @@ def ball(
 def _ended(engine: Engine, job_id: str) -> Job:
     job = find_job(engine, job_id)
     if not job.state.final:
-        raise Problem(
-            "job_not_finished",
-            f"The job is {job.state}, {100 * job.progress:.0f} % done.",
-            headers=RETRY_AFTER,
-            links={"job": f"/v1/jobs/{job.id}", "preview": f"/v1/jobs/{job.id}/preview"},
-        )
+        raise not_finished(job)
     return job
 
 
@@ -179,7 +174,7 @@ def _film(
     try:
         return engine.film_picture(job.id, shown=shown, suffix=suffix, longest=longest)
     except NotReadyYet as error:
-        raise Problem("job_not_finished", f"{error}.", headers=RETRY_AFTER) from None
+        raise not_finished(job, f"{error}.") from None
     except JobNotFound as error:
         raise Problem("artifact_not_found", f"{error}.") from None
     except Busy as error:

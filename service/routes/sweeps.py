@@ -11,8 +11,9 @@ from matiere.errors import MatiereError
 from matiere.jobs.engine import Engine
 from matiere.jobs.errors import JobNotFound, NotReadyYet
 from matiere.jobs.job import JobState, Sweep
+from matiere.jobs.store.views import position
 from matiere.service import deps
-from matiere.service.deps import EngineDep, InFlightDep, KeyDep, OwnerDep
+from matiere.service.deps import EngineDep, InFlightDep, KeyDep, LabelIs, Order, OwnerDep
 from matiere.service.errors import Problem
 from matiere.service.jsonbody import StrictRoute
 from matiere.service.routes.jobs import (
@@ -77,14 +78,17 @@ def submit_sweep(
 @router.get("", response_model=SweepPage)
 def list_sweeps(
     engine: EngineDep,
+    label: LabelIs = None,
+    order: Order = None,
     cursor: Annotated[str | None, Query(max_length=500)] = None,
     limit: Annotated[int, Query(ge=1, le=MAX_PAGE)] = PAGE,
 ) -> SweepPage:
-    """List sweeps, newest first."""
-    after = deps.decode_cursor("sweeps", cursor)
-    sweeps = engine.list_sweeps(after=after, limit=limit + 1)
+    """List sweeps, newest first unless `order` says else."""
+    kind = deps.list_kind("sweeps", label, order)
+    after = deps.decode_cursor(kind, cursor)
+    sweeps = engine.list_sweeps(after=after, limit=limit + 1, label=label, order=order)
     more, sweeps = len(sweeps) > limit, sweeps[:limit]
-    next_cursor = deps.encode_cursor("sweeps", sweeps[-1].id) if more else None
+    next_cursor = deps.encode_cursor(kind, position(sweeps[-1], order)) if more else None
     return SweepPage(sweeps=[SweepView.of(sweep) for sweep in sweeps], next_cursor=next_cursor)
 
 

@@ -177,6 +177,9 @@ def misdeed(scene: JsonDict, index: int) -> None:
     if wanted["kind"] == "hog":
         hoard = [np.zeros(2**23) for _ in range(10**4)]  # 64 MiB each
         raise AssertionError(f"{len(hoard)} pieces fit")
+    if wanted["kind"] == "whisper":  # with what a terminal would obey
+        os.write(2, b"a strange \x1bnormal line\n")
+        return
     if wanted["kind"] == "chatter":  # a gigabyte of log
         line = b"x" * (2**20 - 1) + b"\n"
         for _ in range(1024):

@@ -259,3 +259,30 @@ def test_the_tables_are_legal_on_postgresql_too() -> None:
         for index in table.indexes:
             str(CreateIndex(index).compile(dialect=dialect))
     assert "BIGSERIAL" in str(CreateTable(tables.event).compile(dialect=dialect))
+
+
+def test_lists_go_page_by_page_in_any_order(db: Database) -> None:
+    """Ends come in another order than submissions, two at the same moment; one job never ends."""
+    ids = [submit(db, key=f"{n:064x}") for n in range(7)]
+    ends = dict(zip(ids, [5.0, 3.0, 3.0, 9.5, 1.25, 7.0], strict=False))
+    for name, at in ends.items():
+        db.write(jobs.cancel_job, name)
+        row = sa.update(tables.job).where(tables.job.c.id == name)
+        db.write(sa.Connection.execute, row.values(finished=at, label=f"label {at}"))
+    by_end = sorted(ends, key=lambda name: (ends[name], name))
+    wanted = {"created": ids, "-created": ids[::-1], "finished": by_end, "-finished": by_end[::-1]}
+    for order, names in wanted.items():
+        found: list[str] = []
+        after = None
+        while page := db.read(
+            lambda c, o=order, a=after: views.list_jobs(c, None, None, a, 2, order=o)  # type: ignore[misc]
+        ):
+            found += [job.id for job in page]
+            after = views.position(page[-1], order)
+            assert len(after) <= 64
+        assert found == names, order
+    three = db.read(lambda c: views.list_jobs(c, None, None, None, 9, label="label 3.0"))
+    assert {job.id for job in three} == set(ids[1:3])
+    assert not db.read(lambda c: views.list_jobs(c, None, None, None, 9, label="labe"))
+    for strange in ("x", "zz_1", "00_1"):
+        db.read(lambda c, a=strange: views.list_jobs(c, None, None, a, 9, order="finished"))  # type: ignore[misc]

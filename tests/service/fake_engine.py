@@ -6,7 +6,7 @@ import hashlib
 import json
 import threading
 import time
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -16,7 +16,6 @@ from matiere.jobs.engine import Engine
 from matiere.jobs.engine_gauges import Gauge
 from matiere.jobs.engine_pictures import Picture
 from matiere.jobs.errors import (
-    AssetMismatch,
     Busy,
     DeletionRefused,
     Draining,
@@ -39,6 +38,8 @@ from matiere.jobs.job import (
 )
 from matiere.jobs.keys import KeyNotFound
 from matiere.jobs.measure import Measures
+from matiere.jobs.store.history import Attempt
+from matiere.jobs.uploads import Uploads
 
 FILES = ("image.png", "image.exr", "report.json", "error.svg", "thumbnail.jpg")
 MAX_ASSET_BYTES = 100_000  # what the served application of the tests allows
@@ -57,6 +58,17 @@ class NoKeys:
         raise KeyNotFound(key_id)
 
 
+class _Folder:
+    """The part of a data directory that holds assets."""
+
+    def __init__(self, root: Path) -> None:
+        self.assets = root / "assets"
+        self.assets.mkdir(exist_ok=True)
+
+    def asset_path(self, digest: str) -> Path:
+        return self.assets / ".sha256" / digest[:2] / digest
+
+
 class FakeEngine(Engine):
     """Keeps jobs, sweeps and assets in dicts; `finish` ends a job by hand."""
 
@@ -65,7 +77,7 @@ class FakeEngine(Engine):
         self.children, self.threads_per_child = 1, 1
         self.jobs: dict[str, Job] = {}
         self.sweeps: dict[str, Sweep] = {}
-        self.assets: set[str] = set()
+        self.uploads = Uploads(_Folder(folder), 0)  # type: ignore[arg-type]
         self.repeats: dict[str, tuple[str, str]] = {}
         self.is_draining = False
         self.failing: Exception | None = None  # raised by the next submission
@@ -179,6 +191,8 @@ class FakeEngine(Engine):
         sweep_id: str | None = None,
         after: str | None = None,
         limit: int = 100,
+        label: str | None = None,
+        order: str | None = None,
     ) -> list[Job]:
         """List jobs, newest first."""
         jobs = [
@@ -186,8 +200,9 @@ class FakeEngine(Engine):
             for job in self.jobs.values()
             if (state is None or job.state == state)
             and (sweep_id is None or job.sweep_id == sweep_id)
+            and (label is None or job.label == label)
         ]
-        jobs.sort(key=lambda job: job.id, reverse=sweep_id is None)
+        jobs.sort(key=lambda job: job.id, reverse=sweep_id is None and order != "created")
         if after is not None:
             ids = [job.id for job in jobs]
             jobs = jobs[ids.index(after) + 1 :]
@@ -279,7 +294,14 @@ class FakeEngine(Engine):
         sweep = replace(sweep, counts={str(s): states.count(s) for s in JobState})
         return replace(sweep, artifacts=("contact-sheet.png",) if sweep.done else ())
 
-    def list_sweeps(self, *, after: str | None = None, limit: int = 100) -> list[Sweep]:
+    def list_sweeps(
+        self,
+        *,
+        after: str | None = None,
+        limit: int = 100,
+        label: str | None = None,
+        order: str | None = None,
+    ) -> list[Sweep]:
         """List sweeps, newest first."""
         ids = sorted(self.sweeps, reverse=True)
         if after is not None:
@@ -304,6 +326,20 @@ class FakeEngine(Engine):
         self.get_sweep(sweep_id)
         del self.sweeps[sweep_id]
         self.jobs = {name: job for name, job in self.jobs.items() if job.sweep_id != sweep_id}
+
+    def attempts(
+        self, job_id: str, *, after: int = 0, limit: int = 100, newest: bool = False
+    ) -> list[Attempt]:
+        """Return three claims of any job."""
+        self.get_job(job_id)
+        made = [Attempt(n, "merged", 1, 4, 99, "x", 1.0, 2.0, 0.5, None, None, "") for n in (1, 2)]
+        made += [Attempt(3, "failed", 1, 4, 99, "x", 3.0, 4.0, None, "signal", "crashed", "oh")]
+        return [one for one in made if one.token > after][:limit]
+
+    def log(self, job_id: str, most_bytes: int) -> str:
+        """Return lines."""
+        self.get_job(job_id)
+        return "one\ntwo\n"[-most_bytes:]
 
     def artifact(self, job_id: str, kind: str) -> Artifact:
         """Return a file of a succeeded job."""
@@ -396,9 +432,10 @@ class FakeEngine(Engine):
         """Never call."""
         return lambda: None
 
-    def missing_assets(self, digests: Iterable[str]) -> list[str]:
-        """Return those not put."""
-        return [digest for digest in digests if digest not in self.assets]
+    @property
+    def assets(self) -> set[str]:
+        """The digests that are held."""
+        return {path.name for path in (self.data_dir / "assets").glob(".sha256/*/*")}
 
     def check_material(
         self,
@@ -420,17 +457,6 @@ class FakeEngine(Engine):
             "findings": [], "limits": [], "views": [], "furnace": [],
         }  # fmt: skip
         return report | ({"plots": {"polar": f"<svg>{seed}</svg>"}} if plots else {})
-
-    def put_asset(self, digest: str, stream: Iterable[bytes]) -> bool:
-        """Remember the digest of the bytes."""
-        seen = hashlib.sha256()
-        for piece in stream:
-            seen.update(piece)
-        if seen.hexdigest() != digest:
-            raise AssetMismatch(f"these bytes have digest {seen.hexdigest()}")
-        new = digest not in self.assets
-        self.assets.add(digest)
-        return new
 
     def night(self, sweep_id: str) -> tuple[dict[str, Any], list[Artifact]]:
         """Return a night of one page, once every cell has ended."""

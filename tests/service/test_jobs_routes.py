@@ -6,6 +6,7 @@ import hashlib
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from datetime import datetime
 
 import httpx
@@ -117,7 +118,7 @@ def test_missing_assets_are_listed_and_can_be_uploaded(
     client: httpx.Client, engine: FakeEngine
 ) -> None:
     digests = {f"{n}.glb": hashlib.sha256(n.encode()).hexdigest() for n in "ab"}
-    engine.assets.add(digests["a.glb"])
+    engine.put_asset(digests["a.glb"], [b"a"])
     body = {**BODY, "assets": {"a.glb": digests["a.glb"], "b.glb": "sha256:" + digests["b.glb"]}}
     refused = client.post("/v1/jobs", json=body)
     problem = refused.json()
@@ -224,3 +225,55 @@ def test_draining_refuses_new_work_with_503(client: httpx.Client, engine: FakeEn
     ready = client.get("/readyz")
     assert (ready.status_code, ready.json()["code"]) == (503, "not_ready")
     assert client.get("/healthz").status_code == 200
+
+
+def test_log_and_attempts(client: httpx.Client) -> None:
+    job = client.post("/v1/jobs", json={"scene": {"version": 1}}).json()
+    log = client.get(job["links"]["log"])
+    assert log.text == "one\ntwo\n" and log.headers["content-type"] == "text/plain; charset=utf-8"
+    assert client.get(job["links"]["log"], params={"bytes": 4}).text == "two\n"
+    first = client.get(job["links"]["attempts"], params={"limit": 2}).json()
+    assert [one["token"] for one in first["attempts"]] == [1, 2]
+    more = {"limit": 2, "cursor": first["next_cursor"]}
+    last = client.get(job["links"]["attempts"], params=more).json()
+    assert last["next_cursor"] is None
+    (failed,) = last["attempts"]
+    assert (failed["error_class"], failed["printed"]) == ("signal", "oh")
+    assert failed["started"] == "1970-01-01T00:00:03Z"
+    for what in ("log", "attempts"):
+        answer = client.get(f"/v1/jobs/nobody/{what}")
+        assert (answer.status_code, answer.json()["code"]) == (404, "job_not_found")
+        assert client.get(job["links"][what], params={"bytes": 0, "limit": 0}).status_code == 422
+
+
+def test_an_unfinished_job_leads_to_what_there_is(client: httpx.Client, engine: FakeEngine) -> None:
+    job = client.post("/v1/jobs", json={"scene": {"version": 1}}).json()
+    url = job["links"]["self"]
+    for name in ("image.png", "image.jpg", "image.exr", "report", "error-plot.svg",
+                 "thumbnail.jpg", "image.png?exposure=1", "preview"):  # fmt: skip
+        answer = client.get(f"{url}/{name}")
+        problem = answer.json()
+        assert (answer.status_code, problem["code"]) == (409, "job_not_finished"), name
+        assert answer.headers["retry-after"] and (problem["state"], problem["progress"]) == (
+            "queued", 0.0,
+        )  # fmt: skip
+        assert problem["links"] == {"job": url, "events": f"{url}/events", "log": f"{url}/log"}
+    engine.jobs[job["id"]] = replace(engine.jobs[job["id"]], state=JobState.RUNNING, spp=8)
+    links = client.get(f"{url}/image.png").json()["links"]
+    assert client.get(links["preview"]).status_code == 200
+    assert client.get(links["job"]).status_code == 200
+
+
+def test_lists_take_an_order_and_a_label(client: httpx.Client) -> None:
+    ids = [submit(client, label=label)["id"] for label in ("a", "b", "a", "a")]
+    page = client.get("/v1/jobs", params={"order": "created", "label": "a", "limit": 2}).json()
+    assert [job["id"] for job in page["jobs"]] == [ids[0], ids[2]]
+    rest = {"order": "created", "label": "a", "limit": 2, "cursor": page["next_cursor"]}
+    last = client.get("/v1/jobs", params=rest).json()
+    assert [job["id"] for job in last["jobs"]] == [ids[3]] and last["next_cursor"] is None
+    for other in ({"order": "-created"}, {"label": "b"}):  # a cursor carries order and filters
+        answer = client.get("/v1/jobs", params={**rest, **other})
+        assert (answer.status_code, answer.json()["code"]) == (400, "invalid_cursor")
+    for path in ("/v1/jobs", "/v1/sweeps"):
+        assert client.get(path, params={"order": "name"}).status_code == 422
+        assert client.get(path, params={"order": "-finished", "label": "x"}).status_code == 200
