@@ -96,6 +96,7 @@ def open_engine(
     claim_limit_s: float = 3600.0,
     executor: str = "local",
     ray_address: str | None = None,
+    webhooks: bool = False,
     work: str = DEFAULT_WORK,
 ) -> Engine:
     """Lock `data_dir`, migrate its store, resume its films, start the children.
@@ -110,8 +111,8 @@ def open_engine(
     `claim_limit_s`, is killed, which counts as a failed attempt (`memory_limit`, `time_limit`); by
     default only all children together have a limit, three quarters of the memory. With
     `executor="ray"` claims are rendered by the Ray cluster at `ray_address` (none: the one this
-    machine is part of), at most `children` at once if that is given. `work` names the module that
-    renders; only tests give another.
+    machine is part of), at most `children` at once if that is given. With `webhooks` events go to
+    the outbox, too. `work` names the module that renders; only tests give another.
     """
     child = (child_memory_bytes or 0, claim_limit_s)
     cluster = cluster_of(executor, ray_address, children, *child)
@@ -124,6 +125,7 @@ def open_engine(
     except BaseException:
         data.close()
         raise
+    database.outbox = webhooks
     rules = replace(rules or Rules(), min_free_bytes=min_free_bytes)
     options = Options(count, threads, work, min_free_bytes, rules, *child, cluster)
     limits = limits or Limits()

@@ -1,4 +1,4 @@
-"""The part of the engine about who asks: API keys, and what the queue takes from each of them."""
+"""The part of the engine about others: API keys, what the queue takes from each, webhooks."""
 
 from __future__ import annotations
 
@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 from matiere.jobs.keys import Keys
 from matiere.jobs.limits import check_key, check_queue
 from matiere.jobs.store import keys, views
+from matiere.jobs.webhooks import Webhooks
 
 if TYPE_CHECKING:
     from matiere.jobs.limits import Limits
@@ -24,6 +25,11 @@ class EngineAccess:
     def keys(self) -> Keys:
         """The API keys of the store."""
         return Keys(self._db)
+
+    @property
+    def webhooks(self) -> Webhooks:
+        """Who is told of which events, and the outbox."""
+        return Webhooks(self._db)
 
     def _admit(
         self, count: int, samples: float, submit: Callable[[Any], str], key_id: str | None

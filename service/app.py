@@ -37,9 +37,11 @@ from matiere.service.routes import (
     pictures,
     storage,
     sweeps,
+    webhooks,
 )
 from matiere.service.security import LOOPBACK_NAMES, SecurityMiddleware, own_names
 from matiere.service.settings import Settings
+from matiere.service.webhook_guard import Guard
 
 API_VERSION = "1.0.0"
 HANDLER_THREADS = 32
@@ -78,6 +80,7 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     app.state.metrics = Metrics(lambda: cast(Engine, app.state.engine))
     gate = Gate(lambda: cast(Engine, app.state.engine), always=settings.asks_for_keys)
     app.state.gate = gate
+    app.state.guard = Guard(hosts=settings.webhook_hosts, http=settings.webhook_http)
     errors.install(app)
     app.add_middleware(RouteNote)
     app.add_middleware(
@@ -90,7 +93,7 @@ def create_app(engine: Engine, settings: Settings) -> FastAPI:
     )
     app.add_middleware(MetricsMiddleware, metrics=app.state.metrics)  # outermost
     of_jobs = (events, jobs, history, sweeps, nights, pictures, assets)
-    for routes in (*of_jobs, materials, checks, storage, keys, health, metrics):
+    for routes in (*of_jobs, materials, checks, storage, keys, webhooks, health, metrics):
         app.include_router(routes.router)
     app.include_router(page)
     if missing := unruled(app.routes):

@@ -83,6 +83,9 @@ CODES: dict[str, Kind] = {
         404, "There is no such sweep", "Use the id that POST /v1/sweeps answered."
     ),
     "key_not_found": Kind(404, "There is no such key", "List the keys with GET /v1/keys."),
+    "webhook_not_found": Kind(
+        404, "There is no such webhook", "List the webhooks with GET /v1/webhooks."
+    ),
     "artifact_not_found": Kind(
         404,
         "This job has no such file",
@@ -127,6 +130,11 @@ CODES: dict[str, Kind] = {
         409,
         "Another job waits for this one",
         "Cancel or delete what waits (`after`) first, or let it end.",
+    ),
+    "webhooks_off": Kind(
+        409,
+        "This service tells no webhooks",
+        "Have the operator set `webhooks = true`, or follow GET /v1/events.",
     ),
     "idempotency_in_flight": Kind(
         409,

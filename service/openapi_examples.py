@@ -57,6 +57,12 @@ _PRIORITY = {"first": _example("run it before most others", {"priority": 80})}
 
 #: "METHOD path" -> name -> example of a body
 BODIES: dict[str, dict[str, Any]] = {
+    "POST /v1/webhooks": {
+        "ends": _example(
+            "tell of finished sweeps and failed jobs",
+            {"url": "https://example.org/matiere", "kinds": ["sweep_finished", "failed"]},
+        )
+    },
     "POST /v1/keys": {
         "ci": _example(
             "a key that submits, for 90 days", {"name": "ci", "scope": "submit", "days": 90}
@@ -150,6 +156,7 @@ PARAMETERS: dict[str, Any] = {
     "job_id": JOB,
     "sweep_id": SWEEP,
     "key_id": "3f9a0c12",
+    "webhook_id": "01a209f3-4f0e-7c11-8a55-0b1c5f1f7a3e",
     "cell": 3,
     "sha256": DIGEST,
     "page": 0,

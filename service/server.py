@@ -277,6 +277,7 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
     from matiere.jobs import tracing
     from matiere.jobs.engine import open_engine
     from matiere.service.app import create_app
+    from matiere.service.webhook_sender import Sender
 
     check_keys(settings)
     uds = settings.uds
@@ -303,6 +304,7 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
                 claim_limit_s=settings.claim_limit_s,
                 executor=settings.executor,
                 ray_address=settings.ray_address,
+                webhooks=settings.webhooks,
             )
         )
         log_path = open_log(settings.data, settings.log_level, settings.log_format)
@@ -311,6 +313,8 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
             stack.callback(tracing.disable)
         app = create_app(engine, settings)
         server = stack.enter_context(BackgroundServer(app, sock))
+        if settings.webhooks:
+            stack.enter_context(Sender(engine.webhooks, app.state.guard))
         token: str = app.state.gate.owner_token
         engine.announce(url, socket=str(uds) if uds else None, token=token)
         log.info("serving %s from %s", uds or url, settings.data)

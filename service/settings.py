@@ -142,6 +142,11 @@ class Settings(BaseModel):
     max_queued_megasamples_per_key: float | None = Field(
         None, gt=0, description="millions of pixel samples that jobs of one API key may ask for"
     )
+    webhooks: bool = Field(False, description="tell webhooks of events; an admin registers them")
+    webhook_http: bool = Field(False, description="let webhooks have http addresses, without TLS")
+    webhook_hosts: tuple[str, ...] = Field(
+        (), description="hosts that webhooks may have although they lead to no public address"
+    )
     min_free_bytes: int = Field(
         2 * 10**9, ge=0, description="free disk space below which no new work is taken, in bytes"
     )
@@ -268,7 +273,7 @@ def resolve(
 def _from_environment(environ: Mapping[str, str]) -> Iterator[tuple[str, str, Any]]:
     for name in Settings.model_fields:
         text = environ.get(variable := ENVIRONMENT_PREFIX + name.upper(), "")
-        if text and name == "allowed_hosts":
+        if text and name in ("allowed_hosts", "webhook_hosts"):
             yield name, variable, [part.strip() for part in text.split(",") if part.strip()]
         elif text:
             yield name, variable, text

@@ -55,6 +55,7 @@ class Database:
         self.on_commit: Callable[[], None] | None = None  # called in the writer thread
         self.has_file: Callable[[str, int], bool] | None = None  # see `files.add_references`
         self.shared = url is not None  # other processes may write too
+        self.outbox = False  # whether events go to webhooks: set it before the first event
         self._leads = False
         if url is not None:
             self._writer = postgresql.open_postgresql(url, writer=True)
@@ -116,7 +117,7 @@ class Database:
                     future.set_result(None)
                     continue
                 with self._writer.begin() as connection:
-                    connection.info["has_file"] = self.has_file
+                    connection.info.update(has_file=self.has_file, outbox=self.outbox)
                     happened = connection.info["happened"] = Counter()
                     result = action(connection)
                 self.measures.events.update(happened)

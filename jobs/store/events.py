@@ -11,6 +11,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.job import Event, JsonDict
+from matiere.jobs.store import outbox
 from matiere.jobs.store.tables import event
 
 
@@ -19,6 +20,7 @@ def emit(
 ) -> None:
     """Append one event of a job (name its sweep too, if it has one) or of a sweep."""
     _count(c, kind, 1, bool(data.get("cached")))
+    _tell(c, kind, [(job_id, sweep_id, data)])
     c.execute(
         sa.insert(event).values(
             time=time.time(),
@@ -69,6 +71,7 @@ def emit_all(
     ]  # fmt: skip
     if rows:
         _count(c, kind, len(rows), sum(bool(data.get("cached")) for _, _, data in about))
+        _tell(c, kind, about)
         c.execute(sa.insert(event), rows)
 
 
@@ -81,6 +84,14 @@ def read_history(c: Connection, job_id: str, limit: int) -> list[Event]:
 
 def _event(r: Any) -> Event:
     return Event(r.seq, r.time, r.kind, r.job_id, r.sweep_id, json.loads(r.data))
+
+
+def _tell(
+    c: Connection, kind: str, about: Sequence[tuple[str | None, str | None, JsonDict]]
+) -> None:
+    """Put events into the outbox, if this process sends any."""
+    if c.info.get("outbox"):
+        outbox.enqueue(c, kind, about)
 
 
 def _count(c: Connection, kind: str, times: int, cached: int) -> None:

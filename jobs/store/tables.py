@@ -260,3 +260,31 @@ api_key = Table(
     Column("expires", Float),
     Column("revoked", Float),
 )
+
+webhook = Table(
+    "webhook",
+    metadata,
+    Column("id", String(36), primary_key=True),
+    Column("url", Text, nullable=False),
+    Column("kinds", Text, nullable=False),  # JSON list of event kinds
+    Column("cells", Boolean, nullable=False),  # events of cells of sweeps too
+    Column("secret", Text, nullable=False),  # signs; the receiver has it too
+    Column("created", Float, nullable=False),
+    Column("delivered", Integer, nullable=False, server_default="0"),
+    Column("given_up", Integer, nullable=False, server_default="0"),
+    Column("error", Text),  # of the newest attempt
+    Column("disabled", Text),  # why nothing is sent any more
+)
+
+# The outbox: one event for one webhook, until it is delivered or given up.
+delivery = Table(
+    "delivery",
+    metadata,
+    Column("id", String(40), primary_key=True),  # the receiver sees it: the same in every attempt
+    Column("webhook_id", String(36), ForeignKey("webhook.id"), nullable=False, index=True),
+    Column("body", Text, nullable=False),
+    Column("tries", Integer, nullable=False, default=0),
+    Column("due", Float, nullable=False, index=True),
+    Column("held", Boolean, nullable=False, server_default=false()),  # an attempt is under way
+    Column("created", Float, nullable=False),
+)
