@@ -45,5 +45,5 @@ def test_a_minute_leaves_nothing_behind(soak, tmp_path: Path) -> None:  # type: 
     result = soak.measure(60.0, 3, tmp_path / "data")
     print(result)
     good = soak.verdict(result)
-    assert result["lives"] == soak.LIVES + 1 and result["done"]["job"] > 10
+    assert result["lives"] == soak.lives_of(60.0) + 1 and result["done"]["job"] > 10
     assert good["artifacts"] and good["store"] and good["descriptors"], result

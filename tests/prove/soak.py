@@ -29,10 +29,17 @@ import psutil
 from _service import OUT, ROOT, Service, kill_one_child
 from scipy import stats
 
-MINUTES, LIVES = 30.0, 6
+MINUTES = 30.0
+LIFE_S, LEAST_LIVES = 600.0, 2
+WARM_S = 360.0  # until caches of bounded size are full: memory of a life then stands still
 MOST_RSS_PER_S = 2**20 / 600
 MOST_FDS_PER_S = 1 / 600
 NO_PAST = {"MATIERE_RESULT_DAYS": "1e-9", "MATIERE_GC_GRACE_HOURS": "0"}
+
+
+def lives_of(seconds: float) -> int:
+    """Return how often the service is ended within a run."""
+    return max(LEAST_LIVES, round(seconds / LIFE_S))
 
 
 def tree(folder: Path) -> tuple[int, int]:
@@ -145,13 +152,14 @@ class Soak:
         self.live.remove(url)
 
     def run(self, seconds: float) -> None:
-        """Live `LIVES` lives in all."""
-        for life in range(LIVES):
-            until = self.begun + seconds / LIVES
+        """Live several lives, each ended by SIGKILL or SIGTERM."""
+        lives = lives_of(seconds)
+        for life in range(lives):
+            until = self.begun + seconds / lives
             looked = 0.0
             while time.monotonic() < until:
                 self.step()
-                if time.monotonic() - looked > min(1.0, seconds / LIVES / 20):
+                if time.monotonic() - looked > min(1.0, seconds / lives / 20):
                     looked = time.monotonic()
                     self.sample()
                 time.sleep(0.1)
@@ -190,7 +198,8 @@ def measure(seconds: float, seed: int, data: Path) -> dict[str, Any]:
     soak.run(seconds)
     peak = (data / "store.sqlite").stat().st_size
     deleted = remove_all(soak, files)
-    warm_s, bin_s = min(60.0, seconds / LIVES / 3), min(10.0, seconds / LIVES / 8)
+    life_s = seconds / lives_of(seconds)
+    warm_s, bin_s = min(WARM_S, 0.6 * life_s), min(10.0, life_s / 20)
     after = (data / "store.sqlite").stat().st_size
     return {
         "seconds": seconds, "seed": seed, "lives": soak.life, "done": soak.done,

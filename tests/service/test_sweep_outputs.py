@@ -40,6 +40,11 @@ REPORT = {
 }
 
 
+def died(message: str) -> dict[str, str]:
+    """Return the error of a job."""
+    return {"code": "signal", "message": message, "pointer": "", "log_tail": ""}
+
+
 def job(cell: int, state: str = "succeeded", **more: Any) -> JobStatus:
     value = AXES[0]["values"][cell % 2]  # type: ignore[index]
     given: dict[str, Any] = {
@@ -63,7 +68,7 @@ def rows_for(jobs: list[JobStatus]) -> list[dict[str, Any]]:
 
 # -- tables -------------------------------------------------------------------------------------
 def test_the_table_tells_parameters_error_image_and_verdict() -> None:
-    failed = {"relmse": None, "relmse_interval": None, "error": {"message": "died, twice"}}
+    failed = {"relmse": None, "relmse_interval": None, "error": died("died, twice")}
     rows = rows_for([job(0), job(1, "failed", **failed)])
     read = list(csv.DictReader(io.StringIO(csv_text(rows))))
     first, second = read
@@ -147,7 +152,7 @@ class Reader(HTMLParser):
 
 
 def test_the_report_is_one_page_that_needs_no_server() -> None:
-    jobs = [job(i) for i in range(3)] + [job(3, "failed", relmse=None, error={"message": "<died>"})]
+    jobs = [job(i) for i in range(3)] + [job(3, "failed", relmse=None, error=died("<died>"))]
     page = Page("night & day", 4, 1, ["contact sheet.png"], "plot.svg",
                 files={0: {".png": "cells/a b.png", ".exr": "cells/a b.exr"}})  # fmt: skip
     text = html_of(page, rows_for(jobs))
