@@ -30,6 +30,7 @@ from pathlib import Path
 from typing import Any
 
 from matiere.errors import MatiereError
+from matiere.jobs import cgroups
 from matiere.jobs.artifacts import DamagedFile, StorageFault, open_artifacts
 from matiere.jobs.job import JsonDict
 
@@ -281,7 +282,10 @@ def main() -> None:
     parser.add_argument("--slots", type=int, required=True, help="children x threads")
     parser.add_argument("--parent", type=int, required=True, help="pid of the service")
     parser.add_argument("--memory", type=int, default=0, help="bytes it may allocate; 0: any")
+    parser.add_argument("--group", type=Path, help="control group to join")
     options = parser.parse_args()
+    if options.group:
+        cgroups.join(options.group)
     harden(options.parent, options.memory)
     Child(options).run()
 

@@ -48,6 +48,7 @@ class ChildOptions:
     slots: int
     memory_bytes: int = 0  # RLIMIT_DATA; 0: none
     scratch: Path | None = None  # its TMPDIR; none: in the data directory
+    group: Path | None = None  # control group that it joins
 
 
 @dataclass(frozen=True)
@@ -189,7 +190,7 @@ class Child:
         command = [sys.executable, "-m", "matiere.jobs.child", "--artifacts", str(o.artifacts)]
         command += ["--data", str(o.data), "--work", o.work, "--threads", str(o.threads)]
         command += ["--slots", str(o.slots), "--memory", str(o.memory_bytes)]
-        return command
+        return command + (["--group", str(o.group)] if o.group else [])
 
     def _spawn(self) -> None:
         o = self.options

@@ -9,6 +9,7 @@ from pathlib import Path
 PAGE = os.sysconf("SC_PAGE_SIZE")
 TICKS = os.sysconf("SC_CLK_TCK")
 GROUPS = Path("/sys/fs/cgroup")
+SERVICE = "service"  # the group a service moves into beside those of its children: `cgroups`
 
 
 def rss_bytes(pid: int) -> int:
@@ -52,6 +53,14 @@ def oom_kills() -> int:
     return 0
 
 
+def own_group() -> Path | None:
+    """Return the control group (version 2) this process lives in; None without one."""
+    for line in _read(Path("/proc/self/cgroup")).splitlines():
+        if line.startswith("0::/"):
+            return GROUPS / line[4:]
+    return None
+
+
 def _groups() -> Iterator[tuple[Path, str]]:
     """Yield our memory groups, innermost first, with the name of the file of their limit."""
     for line in _read(Path("/proc/self/cgroup")).splitlines():
@@ -62,6 +71,8 @@ def _groups() -> Iterator[tuple[Path, str]]:
         if not controllers:
             root, name = GROUPS, "memory.max"
         folder = root / path.lstrip("/")
+        if not controllers and folder.name == SERVICE and folder != root:
+            folder = folder.parent  # that counts what happened to our children too
         while folder.is_relative_to(root):
             yield folder, name
             folder = folder.parent

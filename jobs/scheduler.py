@@ -16,6 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from matiere.jobs import cgroups
 from matiere.jobs.artifacts import Artifacts
 from matiere.jobs.batching import Batching
 from matiere.jobs.budgets import Budgets
@@ -73,6 +74,7 @@ class Scheduler(Questions, threading.Thread):
             self.slots = [Slot("ray")]
         self.utility = UtilityQueue(self, Slot("utility"))
         self._warden = Warden(self)
+        self._groups = cgroups.take(self._warden.all_bytes)
         self.batching, self.budgets = Batching(self), Budgets(self)
         self._examining = threading.Lock()  # held while a material is checked
         self._comparing = threading.Lock()  # held while nights are compared
@@ -333,6 +335,7 @@ class Scheduler(Questions, threading.Thread):
             threads,
             self.options.children * self.options.threads,
             self._warden.data_limit,
+            group=self._groups.place(slot.name, self._warden.data_limit) if self._groups else None,
         )
         if slot is self.utility.slot or self.options.cluster is None:
             slot.child = Child(options, self.inbox)
@@ -428,9 +431,10 @@ class Scheduler(Questions, threading.Thread):
                 self.on_low_disk()
 
     def _collect(self) -> None:
-        """Drop films that were deleted, unlink files that are marked for it."""
+        """Remove a slice of what was deleted, drop its films, unlink files marked for it."""
         try:
-            self._garbage = self.storage.drop_forgotten(set(self.films))
+            more = self.storage.remove_hidden()
+            self._garbage = self.storage.drop_forgotten(set(self.films)) or more
             if self.db.read(lambda c: files.pending_deletions(c, 1)):
                 self.storage.unlink()
         except OSError as error:

@@ -149,6 +149,8 @@ class Storage:
             while self._db.write(garbage.remove_cells, name, old, SLICE):
                 gone = 1
             found.sweeps += gone
+        while self.alone and self.remove_hidden():
+            pass
         if self.alone:
             self.drop_forgotten(())
         while self._db.write(removal.forget_deletions, unnamed, EVENT_SLICE):
@@ -172,6 +174,11 @@ class Storage:
         if found.anything:
             log.info("collected %s", asdict(found))
         return found
+
+    def remove_hidden(self) -> bool:
+        """Remove some rows of a deleted sweep; tell whether there were any."""
+        there = self._db.read(removal.hidden) is not None
+        return there and self._db.write(removal.remove_hidden, SLICE)
 
     def drop_forgotten(self, busy: Collection[int]) -> bool:
         """Drop films whose jobs were all deleted, but for `busy`; tell whether some are left."""

@@ -25,12 +25,13 @@ class Warden:
         """Watch the jobs and children of `scheduler`."""
         self._scheduler = scheduler
         self._looked = 0.0
-        self._all_bytes = int(CHILDREN_SHARE * procfs.usable_memory())
+        #: What all children may use together.
+        self.all_bytes = int(CHILDREN_SHARE * procfs.usable_memory())
 
     @property
     def data_limit(self) -> int:
         """RLIMIT_DATA of a child: its allocations fail there, so that it can say so itself."""
-        return self._scheduler.options.child_memory_bytes or self._all_bytes
+        return self._scheduler.options.child_memory_bytes or self.all_bytes
 
     def look(self, now: float) -> None:
         """End what is over its time or memory; `now` is monotonic, deadlines are wall clock."""
@@ -72,10 +73,10 @@ class Warden:
                 child.kill(cause=("time_limit", words))
             else:
                 child.oom_kills = kills
-        if sum(sizes.values()) > self._all_bytes:
+        if sum(sizes.values()) > self.all_bytes:
             largest = max(alive, key=lambda child: sizes[child])
             words = (
-                f"all children together used more than {self._all_bytes // MIB} MiB, this one "
+                f"all children together used more than {self.all_bytes // MIB} MiB, this one "
                 f"{sizes[largest] // MIB} MiB; fewer --children leave more for each"
             )
             largest.kill(cause=("memory_limit", words))

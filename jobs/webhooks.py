@@ -22,7 +22,7 @@ from matiere.jobs.store import outbox
 from matiere.jobs.store.database import Database
 
 ENDS = (*sorted(state.value for state in FINAL_STATES), "sweep_finished")
-KINDS = (*ENDS, "paused", "queued", "running", "sweep_queued")
+KINDS = (*ENDS, "deleted", "paused", "queued", "running", "sweep_deleted", "sweep_queued")
 MOST_WEBHOOKS = 20
 MOST_TRIES = 10
 HELD_S = 60.0  # a claim; longer than an attempt may take

@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
+from collections.abc import Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from matiere.service.client import DEFAULT_URL, Client
 from matiere.service.lockfile import Announcement, read_announcement
+
+if TYPE_CHECKING:
+    from matiere.service.settings import Settings
 
 
 def data_dir(data: Path | None) -> Path:
@@ -30,3 +36,17 @@ def client_of(url: str | None, data: Path | None) -> Client:
 def client_for(found: Announcement) -> Client:
     """Return a client of the service that announced itself in a data directory of ours."""
     return Client(found.url, socket_path=found.socket_path, key=found.token)
+
+
+@contextlib.contextmanager
+def running(data: Path | None, url: str | None) -> Iterator[tuple[Client | None, Settings]]:
+    """Give a client of the service at `url` or of the data directory; None where none runs."""
+    from matiere.service.settings import resolve
+
+    settings = resolve({"data": data}).settings
+    found = None if url else read_announcement(settings.data)
+    if not (url or found):
+        yield None, settings
+        return
+    with client_for(found) if found else Client(url or "") as client:
+        yield client, settings

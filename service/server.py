@@ -293,18 +293,9 @@ def run(settings: Settings, announce: Callable[[list[tuple[str, str]]], None]) -
         engine = stack.enter_context(
             open_engine(
                 settings.data,
-                children=settings.children,
-                threads_per_child=settings.threads_per_child,
-                database_url=settings.database_url,
-                artifacts_url=settings.artifacts_url,
-                min_free_bytes=settings.min_free_bytes,
-                rules=settings.rules(),
                 limits=settings.limits(),
-                child_memory_bytes=settings.child_memory_bytes,
-                claim_limit_s=settings.claim_limit_s,
-                executor=settings.executor,
-                ray_address=settings.ray_address,
                 webhooks=settings.webhooks,
+                **settings.engine_options(),
             )
         )
         log_path = open_log(settings.data, settings.log_level, settings.log_format)

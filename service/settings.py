@@ -179,6 +179,21 @@ class Settings(BaseModel):
         """Tell whether keys are asked for even before one was made."""
         return self.require_key or (self.uds is None and not self.loopback)
 
+    def engine_options(self) -> dict[str, Any]:
+        """Return the arguments of `open_engine` that every process with a queue of its own has."""
+        return {
+            "children": self.children,
+            "threads_per_child": self.threads_per_child,
+            "database_url": self.database_url,
+            "artifacts_url": self.artifacts_url,
+            "min_free_bytes": self.min_free_bytes,
+            "rules": self.rules(),
+            "child_memory_bytes": self.child_memory_bytes,
+            "claim_limit_s": self.claim_limit_s,
+            "executor": self.executor,
+            "ray_address": self.ray_address,
+        }
+
     def rules(self) -> Rules:
         """Return how long things are kept."""
         from matiere.jobs.rules import Rules

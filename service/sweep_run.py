@@ -160,21 +160,7 @@ def own_service(settings: Settings) -> Iterator[Client]:
     from matiere.service.server import BackgroundServer, private_socket
 
     with contextlib.ExitStack() as stack:
-        engine = stack.enter_context(
-            open_engine(
-                settings.data,
-                children=settings.children,
-                threads_per_child=settings.threads_per_child,
-                database_url=settings.database_url,
-                artifacts_url=settings.artifacts_url,
-                min_free_bytes=settings.min_free_bytes,
-                rules=settings.rules(),
-                child_memory_bytes=settings.child_memory_bytes,
-                claim_limit_s=settings.claim_limit_s,
-                executor=settings.executor,
-                ray_address=settings.ray_address,
-            )
-        )
+        engine = stack.enter_context(open_engine(settings.data, **settings.engine_options()))
         open_log(settings.data, settings.log_level)
         sock, path = stack.enter_context(private_socket())
         app = create_app(engine, settings)

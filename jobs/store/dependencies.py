@@ -28,7 +28,7 @@ def standing(c: Connection, needed: str) -> str | None:
     if state is not None:
         good = state in RENDERED
         return MET if good else BROKEN if JobState(state).final else OPEN
-    row = c.execute(sa.select(sweep).where(sweep.c.id == needed)).first()
+    row = c.execute(sa.select(sweep).where(sweep.c.id == needed, ~sweep.c.deleted)).first()
     if row is None:
         return None
     if row.finished is None:

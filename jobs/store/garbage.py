@@ -42,8 +42,10 @@ FILM_KINDS = ("film", "attempt")  # owners whose files are samples, not results
 # -- pins -------------------------------------------------------------------------------------
 def pin(c: Connection, name: str, pinned: bool) -> str:
     """Keep a job or a sweep whatever its age (or no more); return which it is."""
-    for table, kind in ((job, "job"), (sweep, "sweep")):
-        if c.execute(sa.update(table).where(table.c.id == name).values(pinned=pinned)).rowcount:
+    hidden = sa.exists().where(sweep.c.id == job.c.sweep_id, sweep.c.deleted)
+    for table, kind, there in ((job, "job", ~hidden), (sweep, "sweep", ~sweep.c.deleted)):
+        mine = sa.update(table).where(table.c.id == name, there)
+        if c.execute(mine.values(pinned=pinned)).rowcount:
             return kind
     raise JobNotFound(f"no job or sweep {name}")
 

@@ -446,8 +446,8 @@ def finish_sweep(c: Connection, sweep_id: str, sheet: Blob | None) -> None:
     """Record that a sweep has ended, with its contact sheet if one could be made."""
     if sheet is not None:
         add_reference(c, ("sweep", sweep_id), "contact-sheet.png", sheet)
-    ended = sa.update(sweep).where(sweep.c.id == sweep_id).values(finished=time.time())
-    if c.execute(ended).rowcount == 0:  # deleted
+    mine = (sweep.c.id == sweep_id) & ~sweep.c.deleted
+    if c.execute(sa.update(sweep).where(mine).values(finished=time.time())).rowcount == 0:
         return
     emit(c, "sweep_finished", sweep_id=sweep_id)
     dependencies.settle(c, sweep_id, dependencies.standing(c, sweep_id) == dependencies.MET)

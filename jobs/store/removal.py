@@ -3,12 +3,15 @@
 Nothing is told to stop here: a film that no job names is abandoned by the scheduler as after a
 cancel, and a report that still comes finds nothing to be written to. Such films are marked as
 forgotten and dropped once no child holds them; asked for again before that, they are kept.
+A sweep may have 100,000 cells, and writers wait for each other: it is hidden in the transaction
+that deletes it, and its rows go slice by slice after that, after a restart too.
 One event stays of what was deleted, so that lists that follow the events learn of it, and so that a
 deletion that is sent twice is answered alike.
 """
 
 from __future__ import annotations
 
+import time
 from collections.abc import Collection, Iterator, Sequence
 from typing import Any
 
@@ -16,6 +19,7 @@ import sqlalchemy as sa
 from sqlalchemy.engine import Connection
 
 from matiere.jobs.errors import DeletionRefused, JobNotFound
+from matiere.jobs.job import JobState
 from matiere.jobs.store.events import emit
 from matiere.jobs.store.files import drop_references, mark_unreferenced
 from matiere.jobs.store.jobs import LIVE
@@ -51,21 +55,23 @@ def delete_job(c: Connection, job_id: str) -> bool:
         raise DeletionRefused(why, code="part_of_sweep")
     if row.pinned:
         raise DeletionRefused("the job is pinned", code="pinned")
-    mine = job.c.id == job_id
-    _refuse_needed(c, [job_id], mine)
-    _remove(c, mine, event.c.job_id == job_id)
+    _refuse_needed(c, [job_id], job.c.id == job_id)
+    _remove(c, [job_id])
     emit(c, JOB, job_id=job_id)
     return True
 
 
 def delete_sweep(c: Connection, sweep_id: str) -> bool:
-    """Remove a sweep with its cells, results and night; false if it was deleted before.
+    """Hide a sweep with its cells, results and night; false if it was deleted before.
 
-    Raises JobNotFound, and DeletionRefused while it or a cell is pinned or waited for.
+    `remove_hidden` removes the rows. Raises JobNotFound, and DeletionRefused while it or a cell is
+    pinned or waited for.
     """
     row = c.execute(sa.select(sweep).where(sweep.c.id == sweep_id)).first()
     if row is None:
         _was_deleted(c, event.c.sweep_id == sweep_id, SWEEP, f"no sweep {sweep_id}")
+        return False
+    if row.deleted:
         return False
     mine = job.c.sweep_id == sweep_id
     cell = c.execute(sa.select(job.c.cell).where(mine, job.c.pinned).limit(1)).scalar()
@@ -73,11 +79,33 @@ def delete_sweep(c: Connection, sweep_id: str) -> bool:
         whose = "the sweep" if row.pinned else f"cell {cell} of the sweep"
         raise DeletionRefused(f"{whose} is pinned", code="pinned")
     _refuse_needed(c, [sweep_id], mine)
-    _remove(c, mine, event.c.sweep_id == sweep_id)
+    now = time.time()
+    over = {"deleted": True, "cancelled": True, "finished": row.finished or now}
+    c.execute(sa.update(sweep).where(sweep.c.id == sweep_id).values(over))
+    stopped = {"state": JobState.CANCELLED.value, "finished": now}
+    c.execute(sa.update(job).where(mine, job.c.state.in_(LIVE)).values(stopped))
     _forget_names(c, [sweep_id])
+    emit(c, SWEEP, sweep_id=sweep_id, cells=row.cells)
+    return True
+
+
+def hidden(c: Connection) -> str | None:
+    """Return a deleted sweep whose rows are still there, if there is one."""
+    return c.scalar(sa.select(sweep.c.id).where(sweep.c.deleted).limit(1))
+
+
+def remove_hidden(c: Connection, limit: int) -> bool:
+    """Remove some cells of a deleted sweep, or the last of it; false if there is none."""
+    sweep_id = hidden(c)
+    if sweep_id is None:
+        return False
+    cells = sa.select(job.c.id).where(job.c.sweep_id == sweep_id).limit(limit)
+    if names := list(c.execute(cells).scalars()):
+        _remove(c, names)
+        return True
+    c.execute(sa.delete(event).where(event.c.sweep_id == sweep_id, event.c.kind != SWEEP))
     _drop_files(c, "sweep", [sweep_id])
     c.execute(sa.delete(sweep).where(sweep.c.id == sweep_id))
-    emit(c, SWEEP, sweep_id=sweep_id, cells=row.cells)
     return True
 
 
@@ -97,19 +125,18 @@ def _refuse_needed(c: Connection, names: Sequence[str], mine: sa.ColumnElement[b
         raise DeletionRefused(f"{who} waits for it", code="waited_for")
 
 
-def _remove(c: Connection, mine: sa.ColumnElement[bool], told: sa.ColumnElement[bool]) -> None:
-    """Remove jobs with all that is theirs; `told` picks their events."""
-    rows = c.execute(sa.select(job.c.id, job.c.film_id).where(mine)).all()
-    c.execute(sa.delete(event).where(told))
-    for names in _slices([row.id for row in rows]):
-        _drop_files(c, "job", names)
-        c.execute(sa.delete(job_history).where(job_history.c.job_id.in_(names)))
-        _forget_names(c, names)
-        c.execute(sa.delete(job).where(job.c.id.in_(names)))
+def _remove(c: Connection, names: Sequence[str]) -> None:
+    """Remove jobs with all that is theirs."""
+    mine = job.c.id.in_(names)
+    film_ids = set(c.execute(sa.select(job.c.film_id).where(mine)).scalars())
+    c.execute(sa.delete(event).where(event.c.job_id.in_(names)))
+    _drop_files(c, "job", names)
+    c.execute(sa.delete(job_history).where(job_history.c.job_id.in_(names)))
+    _forget_names(c, names)
+    c.execute(sa.delete(job).where(mine))
     wanted = sa.exists().where(job.c.film_id == film.c.id)
-    for names in _slices(sorted({row.film_id for row in rows})):
-        left = sa.update(film).where(film.c.id.in_(names), ~wanted)
-        c.execute(left.values(used=FORGOTTEN))
+    left = sa.update(film).where(film.c.id.in_(film_ids), ~wanted)
+    c.execute(left.values(used=FORGOTTEN))
 
 
 def _forget_names(c: Connection, names: Sequence[str]) -> None:

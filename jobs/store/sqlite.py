@@ -22,6 +22,7 @@ log = logging.getLogger("matiere.jobs.store")
 # Older libraries can corrupt a WAL that two connections reset at once (sqlite.org/wal.html).
 SAFE_SQLITE = (3, 51, 3)
 READ_CONNECTIONS = 8
+READ_CACHE_KB = 512  # of each: the kernel holds the pages too
 BUSY_TIMEOUT_MS = 10_000
 COMPACT_PAGES = 32
 BACKUP_PAGES = 1000  # copied at a time; writers go on between
@@ -53,7 +54,12 @@ def open_sqlite(path: Path, *, writer: bool) -> Engine:
 
     pool: dict[str, Any] = {"pool_size": 1, "max_overflow": 0}
     if not writer:
-        pool = {"pool_size": READ_CONNECTIONS, "max_overflow": 0, "pool_timeout": 60}
+        pool = {
+            "pool_size": READ_CONNECTIONS,
+            "max_overflow": 0,
+            "pool_timeout": 60,
+            "pool_use_lifo": True,
+        }  # few readers at a time keep few caches of pages
     engine = sa.create_engine(
         f"sqlite+pysqlite:///{path}",
         module=dbapi2,
@@ -69,7 +75,7 @@ def open_sqlite(path: Path, *, writer: bool) -> Engine:
         if writer:
             pragmas += ["journal_mode=WAL", "synchronous=FULL", "journal_size_limit=67108864"]
         else:
-            pragmas += ["query_only=ON", "wal_autocheckpoint=0"]
+            pragmas += ["query_only=ON", "wal_autocheckpoint=0", f"cache_size=-{READ_CACHE_KB}"]
         for pragma in pragmas:
             connection.execute(f"PRAGMA {pragma}")
 

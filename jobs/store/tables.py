@@ -93,6 +93,7 @@ sweep = Table(
     Column("pinned", Boolean, nullable=False, server_default=false()),
     Column("owner", String(16)),  # id of the API key that submitted it
     Column("samples", Float, nullable=False, server_default="0"),  # asked for; with an owner
+    Column("deleted", Boolean, nullable=False, server_default=false()),  # hidden; rows still go
 )
 
 job = Table(
@@ -234,7 +235,7 @@ idempotency = Table(
     Column("key", String(255), primary_key=True),
     Column("body_hash", String(64), nullable=False),
     Column("kind", String(16), nullable=False),  # job | sweep
-    Column("target_id", String(36), nullable=False),
+    Column("target_id", String(36), nullable=False, index=True),
     Column("created", Float, nullable=False),
 )
 

@@ -39,7 +39,7 @@ _FILM = [
     film.c.relmse_lower,
     film.c.relmse_upper,
 ]
-
+_THERE = ~sa.exists().where(sweep.c.id == job.c.sweep_id, sweep.c.deleted)  # not hidden
 
 NEWEST = "-created"
 ENDED_ORDERS = ("finished", "-finished")  # of those that have ended
@@ -49,7 +49,7 @@ INNER = ("film", "signature")  # files of a job that nobody fetches one by one
 
 def get_job(c: Connection, job_id: str) -> Job:
     """Return one job. Raises JobNotFound."""
-    found = _jobs(c, sa.select(job, *_FILM).join(film).where(job.c.id == job_id))
+    found = _jobs(c, sa.select(job, *_FILM).join(film).where(job.c.id == job_id, _THERE))
     if not found:
         raise JobNotFound(f"no job {job_id}")
     return found[0]
@@ -69,7 +69,7 @@ def list_jobs(
 
     `order` is one of ORDERS. `after` is the `position` of the last one seen.
     """
-    rows = sa.select(job, *_FILM).join(film).limit(limit)
+    rows = sa.select(job, *_FILM).join(film).where(_THERE).limit(limit)
     if state is not None:
         rows = rows.where(job.c.state == state.value)
     if label is not None:
@@ -123,7 +123,7 @@ def _unpacked(after: str | None) -> list[Any]:
 def cell_of(c: Connection, sweep_id: str, cell: int) -> Job | None:
     """Return the job of a cell, or None while it has none."""
     mine = (job.c.sweep_id == sweep_id) & (job.c.cell == cell)
-    found = _jobs(c, sa.select(job, *_FILM).join(film).where(mine))
+    found = _jobs(c, sa.select(job, *_FILM).join(film).where(mine, _THERE))
     return found[0] if found else None
 
 
@@ -153,7 +153,7 @@ def job_facts(c: Connection, job_id: str) -> JsonDict:
 
 def get_sweep(c: Connection, sweep_id: str) -> Sweep:
     """Return one sweep with its counts. Raises JobNotFound."""
-    row = c.execute(sa.select(sweep).where(sweep.c.id == sweep_id)).first()
+    row = c.execute(sa.select(sweep).where(sweep.c.id == sweep_id, ~sweep.c.deleted)).first()
     if row is None:
         raise JobNotFound(f"no sweep {sweep_id}")
     return _sweeps(c, [row])[0]
@@ -168,7 +168,7 @@ def list_sweeps(
     order: str | None = None,
 ) -> list[Sweep]:
     """Return sweeps, newest first or in one of ORDERS, after a `position`."""
-    rows = sa.select(sweep).limit(limit)
+    rows = sa.select(sweep).where(~sweep.c.deleted).limit(limit)
     if label is not None:
         rows = rows.where(sweep.c.label == label)
     return _sweeps(c, c.execute(_in_order(rows, sweep, order or NEWEST, after)).all())

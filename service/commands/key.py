@@ -115,16 +115,11 @@ def _shown(one: Key) -> dict[str, Any]:
 @contextlib.contextmanager
 def _keys(data: Path | None, url: str | None) -> Iterator[Client | _Idle]:
     from matiere.jobs.keys import open_keys
-    from matiere.service.client import Client
-    from matiere.service.find import client_for
-    from matiere.service.lockfile import read_announcement
-    from matiere.service.settings import resolve
+    from matiere.service.find import running
 
-    settings = resolve({"data": data}).settings
-    found = None if url else read_announcement(settings.data)
-    if url or found:
-        with client_for(found) if found else Client(url or "") as client:
+    with running(data, url) as (client, settings):
+        if client:
             yield client
-        return
-    with open_keys(settings.data, settings.database_url) as keys:
-        yield _Idle(keys)
+            return
+        with open_keys(settings.data, settings.database_url) as keys:
+            yield _Idle(keys)

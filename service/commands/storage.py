@@ -148,24 +148,19 @@ class _Idle:
 @contextlib.contextmanager
 def _storage(data: Path | None, url: str | None) -> Iterator[_Served | _Idle]:
     from matiere.jobs.storage import open_storage
-    from matiere.service.client import Client
-    from matiere.service.find import client_for
-    from matiere.service.lockfile import read_announcement
-    from matiere.service.settings import resolve
+    from matiere.service.find import running
 
-    settings = resolve({"data": data}).settings
-    found = None if url else read_announcement(settings.data)
-    if url or found:
-        with client_for(found) if found else Client(url or "") as client:
+    with running(data, url) as (client, settings):
+        if client:
             yield _Served(client)
-        return
-    with open_storage(
-        settings.data,
-        settings.rules(),
-        database_url=settings.database_url,
-        artifacts_url=settings.artifacts_url,
-    ) as storage:
-        yield _Idle(storage)
+            return
+        with open_storage(
+            settings.data,
+            settings.rules(),
+            database_url=settings.database_url,
+            artifacts_url=settings.artifacts_url,
+        ) as storage:
+            yield _Idle(storage)
 
 
 def _size(size: float) -> str:

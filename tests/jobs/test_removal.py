@@ -11,11 +11,12 @@ import pytest
 import sqlalchemy as sa
 from conftest_jobs import FAKE, SCENE, open_engine, report_of, wait_until
 
+from matiere.errors import SceneValidationError
 from matiere.jobs import Engine
 from matiere.jobs.errors import DeletionRefused, JobNotFound
 from matiere.jobs.rules import Rules
 from matiere.jobs.storage import open_storage
-from matiere.jobs.store import files, jobs, removal, tables
+from matiere.jobs.store import dependencies, files, jobs, removal, tables, views
 from matiere.jobs.store.audit import audit, audit_files
 
 LONG = SCENE | {"chunk_s": 0.05, "render": {"spp": 4096}}
@@ -130,6 +131,41 @@ def test_a_sweep_goes_with_its_cells(engine: Engine, wait: bool) -> None:
     assert [event.kind for event in engine.events(sweep_id=sweep.id)] == ["sweep_deleted"]
     engine.delete_sweep(sweep.id)
     wait_until(lambda: engine.readiness().checks["children"].ok, 60)
+
+
+def test_a_large_sweep_is_hidden_at_once_and_goes_slice_by_slice(tmp_path: Path) -> None:
+    """Its rows go in short transactions: others may write between, and a crash may come."""
+    data = tmp_path / "data"
+    with open_engine(data, children=1, **FAKE) as engine:
+        sweep = engine.wait_sweep(engine.submit_sweep(SMALL, AXES, idempotency_key="k").id, 60)
+        cells = engine.list_jobs(sweep_id=sweep.id)
+    with open_storage(data, Rules()) as storage:
+        write, read = storage._db.write, storage._db.read
+        assert write(removal.delete_sweep, sweep.id)
+        assert not write(removal.delete_sweep, sweep.id), "sent again"
+        assert write(removal.remove_hidden, 10)  # then the process dies
+        with pytest.raises(JobNotFound):
+            read(views.get_sweep, sweep.id)
+        with pytest.raises(JobNotFound):
+            storage.pin(sweep.id, True)
+        with pytest.raises(SceneValidationError, match="no job or sweep"):
+            read(dependencies.check, [sweep.id])
+        there = read(lambda c: c.execute(sa.select(tables.job.c.id)).scalars().all())
+        assert len(there) == 14 and set(there) < {cell.id for cell in cells}
+        with pytest.raises(JobNotFound):
+            read(views.get_job, there[0])
+        assert read(views.list_jobs, None, None, None, 100) == []
+        assert read(views.list_jobs, None, sweep.id, None, 100) == []
+        assert read(views.list_sweeps, None, 100) == []
+    with open_engine(data, children=1, **FAKE) as engine:
+        again = engine.submit_sweep(SMALL, AXES, idempotency_key="k")
+        assert again.id != sweep.id
+        engine.wait_sweep(again.id, 60)
+        engine.delete_sweep(again.id)
+        wait_until(lambda: gone(engine), 60)
+        kinds = [event.kind for event in engine.events()]
+        assert kinds.count("sweep_deleted") == 2
+        check(engine)
 
 
 def test_a_pack_stays_while_another_sweep_has_films_in_it(engine: Engine) -> None:

@@ -9,6 +9,7 @@ from typing import Any
 
 import httpx
 import pytest
+from postgres_server import shared_server
 
 from matiere.jobs.engine import Engine, open_engine
 from matiere.jobs.limits import Limits
@@ -20,8 +21,10 @@ SCENE = {"width": 10, "height": 10, "value": 0.5, "render": {"spp": 16}, "chunk_
 AXES = [{"pointer": "/value", "values": [0.1, 0.2, 0.3]}]
 
 
-@pytest.fixture
-def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Engine, str]]:
+@pytest.fixture(params=["sqlite", "postgresql"])
+def queue(
+    request: pytest.FixtureRequest, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> Iterator[tuple[Engine, str]]:
     """Serve a queue that takes 4 jobs and 0.01 megasamples of each key."""
     folder = str(Path(__file__).resolve().parents[1] / "jobs")
     monkeypatch.syspath_prepend(folder)
@@ -29,8 +32,9 @@ def queue(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[tuple[Eng
     settings = Settings(
         data=tmp_path / "d", max_queued_jobs_per_key=4, max_queued_megasamples_per_key=0.01
     )
+    url = shared_server().database() if request.param == "postgresql" else None
     with open_engine(
-        settings.data, children=1, work="fake_work", limits=settings.limits()
+        settings.data, children=1, work="fake_work", limits=settings.limits(), database_url=url
     ) as engine:
         sock = bind("127.0.0.1", 0)
         with BackgroundServer(create_app(engine, settings), sock):

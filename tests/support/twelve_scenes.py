@@ -1,7 +1,8 @@
 """Small scenes that span what the tracer does, for coverage and unbiasedness.
 
 `twelve(size)` returns documents by name; each takes a fraction of a second at 32 x 32. They are our
-own; `veach_mis` has the plates and lamps of Veach's test, not its file.
+own but for `veach_mis`, which is read from ../shared/assets; where that is absent, plates and lamps
+of our own stand in.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 from film_scenes import interior
+from veach_file import FILE, veach_file
 
 Scene = dict[str, Any]
 BOX_TRIANGLES = [
@@ -65,6 +67,8 @@ def _set(
 
 
 def _veach_mis(size: int) -> Scene:
+    if FILE.exists():
+        return veach_file(size)
     plates, materials = [], {}
     for k, (y, z, alpha) in enumerate(
         [(0.15, 1.2, 0.005), (0.4, 0.4, 0.02), (0.8, -0.4, 0.08), (1.4, -1.1, 0.2)]
@@ -194,10 +198,10 @@ def _metals(size: int) -> Scene:
 def _many_lights(size: int) -> Scene:
     rng = np.random.default_rng(7)
     lights = []
-    for _ in range(100):
+    for _ in range(500):
         x, z = (float(v) for v in rng.uniform(-4, 4, 2))
         lights.append(_lamp([x, float(rng.uniform(1.9, 3.0)), z], 0.1, 0.1,
-                            float(rng.lognormal(2.5, 1.0))))  # fmt: skip
+                            float(rng.lognormal(0.9, 1.0))))  # fmt: skip
     plastic = {"type": "plastic", "albedo": [0.2, 0.3, 0.6], "alpha": 0.2}
     return _set(size, {"ball": plastic}, [_ball([0, 0.9, 0], 0.9, "ball")], lights,
                 {"radiance": 0.05})  # fmt: skip
