@@ -76,7 +76,9 @@ class Reports:
         line = json.dumps({"op": op, **fields}, allow_nan=False).encode() + b"\n"
         try:
             with self._lock:
-                self._file.write(line)
+                at = 0  # a stop and continue cuts a write short that waits for room in the pipe
+                while at < len(line):
+                    at += self._file.write(line[at:]) or 0
         except BrokenPipeError:
             os._exit(0)
 

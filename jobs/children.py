@@ -31,6 +31,7 @@ BUSY_SHARE = 0.1  # of the lease on a processor: a silent child hangs by its own
 TERM_AFTER_S, KILL_AFTER_S = 1.0, 3.0  # after a cancel that it does not answer
 READING_KILL_S = 0.02  # the same while it reads files
 DISOBEYED = ("lost", "killed by the service because it did not stop when it was told to cancel")
+UNREADABLE = ("lost", "killed by the service because a report of it could not be read")
 LOG_BYTES = 4 * 2**20
 LOG_TAIL_BYTES = 4096
 
@@ -236,7 +237,9 @@ class Child:
                 try:
                     body = json.loads(line)
                 except ValueError:
-                    continue  # the last line of a killed child
+                    if line.endswith(b"\n"):  # else the last line of a killed child
+                        self.kill(cause=UNREADABLE)
+                    continue
                 if body["op"] in ("pong", "hello"):  # of the control thread: no other renews
                     self.answered = time.monotonic()
                     self._cpu_answered = procfs.state_and_cpu(self.pid)[1]

@@ -22,7 +22,7 @@ log = logging.getLogger("matiere.jobs.store")
 # Older libraries can corrupt a WAL that two connections reset at once (sqlite.org/wal.html).
 SAFE_SQLITE = (3, 51, 3)
 READ_CONNECTIONS = 8
-READ_CACHE_KB = 512  # of each: the kernel holds the pages too
+READ_CACHE_KB = 512
 BUSY_TIMEOUT_MS = 10_000
 COMPACT_PAGES = 32
 BACKUP_PAGES = 1000  # copied at a time; writers go on between

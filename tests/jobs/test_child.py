@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import queue
+import signal
 import subprocess
 import sys
 import time
@@ -95,6 +96,49 @@ def test_a_huge_log_that_a_child_left_is_cut_before_the_next_one_writes(tmp_path
     assert kept <= children.LOG_BYTES
     assert log.with_suffix(".log.1").read_text().endswith("the last words\n")
     assert "the last words" not in child.log_tail(), "those were another child's"
+
+
+def test_a_long_report_survives_stops_of_the_child() -> None:
+    """A write that waits for room in the pipe is cut short when the process is stopped."""
+    read, write = os.pipe()
+    program = (
+        "import sys\nfrom matiere.jobs.child import Reports\n"
+        "Reports(int(sys.argv[1])).send('done', text='x' * 2**20)\n"
+    )
+    teller = subprocess.Popen([sys.executable, "-c", program, str(write)], pass_fds=(write,))
+    os.close(write)
+    with os.fdopen(read, "rb") as reports:
+        heard = reports.read(1000)  # it writes now, and fills the pipe
+        for _ in range(20):
+            teller.send_signal(signal.SIGSTOP)
+            time.sleep(0.01)
+            teller.send_signal(signal.SIGCONT)
+            time.sleep(0.01)
+            heard += reports.read(20_000)
+        heard += reports.read()
+    assert teller.wait(10) == 0
+    assert json.loads(heard) == {"op": "done", "text": "x" * 2**20}
+
+
+def test_a_child_whose_report_cannot_be_read_is_killed(tmp_path: Path) -> None:
+    """What it was to do would otherwise wait for ever: it answers its pings."""
+
+    class Garbled(children.Child):
+        def _command(self) -> list[str]:
+            program = (
+                "import os, sys, time\nfd = int(sys.argv[sys.argv.index('--report') + 1])\n"
+                'os.write(fd, b\'{"op": "done", "tok{"op": "hello"}\\n\')\ntime.sleep(60)\n'
+            )
+            return [sys.executable, "-c", program]
+
+    options = children.ChildOptions(
+        name="render-1", artifacts=tmp_path, data=tmp_path, logs=tmp_path, work="fake_work",
+        threads=1, slots=1,
+    )  # fmt: skip
+    inbox: queue.SimpleQueue[Any] = queue.SimpleQueue()
+    child = Garbled(options, inbox)
+    assert inbox.get(timeout=30).body == {"op": "exit", "code": -signal.SIGKILL}
+    assert child.exit_class(-signal.SIGKILL) == children.UNREADABLE
 
 
 def test_exceptions_are_sorted_into_classes() -> None:

@@ -5,11 +5,14 @@ lists of cells, the sweep and the status are read all the time. Then the service
 again, and the same sweep is submitted with one of the 100 values of an axis changed: 99 % of the
 cells are known. Judged: accepted within 2 s; all cells ended within 30 minutes; reads at the 99th
 percentile within 150 ms; memory of the service below 500 MB; the store below 4 GB and 20,000
-files; ready again within 5 s; the known cells ended within 60 s.
+files; ready again within 5 s; the known cells ended within 60 s. At last both sweeps are deleted:
+answered within a second, and jobs submitted while the rows go are accepted within 250 ms at the
+99th percentile.
 Results are stored in prove-out/cells.json; a finished run is kept and not repeated (--again does).
 """
 
 import argparse
+import itertools
 import json
 import os
 import shutil
@@ -21,11 +24,13 @@ from typing import Any
 
 import httpx
 from _service import OUT, ROOT, Service
+from pysqlite3 import dbapi2
 
 SPP, EDGE, VALUES = 16, 8, 100
 LIMITS = {
     "accepted_s": 2.0, "all_ended_s": 1800.0, "read_p99_ms": 150.0, "service_rss_mb": 500.0,
-    "store_gb": 4.0, "files": 20_000, "ready_s": 5.0, "known_s": 60.0,
+    "store_gb": 4.0, "files": 20_000, "ready_s": 5.0, "known_s": 60.0, "delete_s": 1.0,
+    "submit_p99_ms": 250.0,
 }  # fmt: skip
 
 
@@ -144,8 +149,34 @@ def measure(cells: int, data: Path) -> dict[str, Any]:
     found["again"] = watch(service, again, cells, cells // VALUES) | {"accepted_s": again_s}
     after = service.status()["counters"].get("chunks_rendered", 0)
     found["again"]["chunks_rendered"] = after - rendered
+    found["deletion"] = delete(service, [sweep, again], data)
     service.stop()
     return found
+
+
+def delete(service: Service, sweeps: list[str], data: Path) -> dict[str, Any]:
+    """Delete sweeps; submit jobs until all rows of theirs are gone; return what took how long."""
+    scene = request(VALUES, 0.1)["base"]
+    begin, answered, took = time.monotonic(), [], []
+    with httpx.Client(base_url=service.client.url, trust_env=False, timeout=60) as client:
+        for sweep in sweeps:
+            at = time.monotonic()
+            assert client.delete(f"/v1/sweeps/{sweep}").status_code == 204
+            answered.append(time.monotonic() - at)
+        store = dbapi2.connect(f"file:{data / 'store.sqlite'}?mode=ro", uri=True)
+        for number in itertools.count():
+            at = time.monotonic()
+            body = {"scene": scene | {"render": {"spp": SPP, "seed": 1000 + number}}}
+            assert client.post("/v1/jobs", json=body).status_code == 202
+            took.append(1000.0 * (time.monotonic() - at))
+            if store.execute("SELECT count(*) FROM sweep").fetchone()[0] == 0:
+                break
+            time.sleep(0.05)
+        store.close()
+    took.sort()
+    return {"delete_s": round(max(answered), 2), "gone_s": round(time.monotonic() - begin, 1),
+            "submissions": len(took), "submit_p50_ms": round(took[len(took) // 2], 1),
+            "submit_p99_ms": round(took[int(0.99 * len(took))], 1)}  # fmt: skip
 
 
 def judge(found: dict[str, Any]) -> list[str]:
@@ -159,6 +190,8 @@ def judge(found: dict[str, Any]) -> list[str]:
         "files": found["files"],
         "ready_s": found["ready_s"],
         "known_s": found["again"]["known_s"],
+        "delete_s": found["deletion"]["delete_s"],
+        "submit_p99_ms": found["deletion"]["submit_p99_ms"],
     }
     for name, value in figures.items():
         print(f"{name:16} {value:>10}   limit {LIMITS[name]}")
