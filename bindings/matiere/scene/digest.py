@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from matiere.scene.document import SCALARS
 from matiere.scene.materials import FileName, MaterialModel, TextureRef
 
 if TYPE_CHECKING:
@@ -67,6 +68,8 @@ def canonical(scene: Scene) -> dict[str, Any]:
 
 
 def _plain(value: Any, scene: Scene) -> Any:
+    if type(value) in SCALARS:  # the tests below are slow
+        return value
     from pydantic import BaseModel
 
     if isinstance(value, TextureRef):

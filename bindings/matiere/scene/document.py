@@ -17,6 +17,8 @@ import numpy as np
 from matiere.errors import Fault, SceneValidationError, pointer
 
 MAX_BYTES = 64 * 2**20
+WORDS = frozenset((str, bool, type(None)))
+SCALARS = WORDS | {float, int}  # exactly these types, not their heirs: most values of a scene
 MAX_DEPTH = 64
 MANY_ROWS = 1000  # from here on rows are taken as an array, not number by number
 
@@ -81,6 +83,10 @@ def plain(document: Any) -> tuple[Any, list[Fault]]:
 
 
 def _plain(value: Any, at: tuple[str | int, ...], found: list[Fault]) -> Any:
+    if type(value) in WORDS:
+        return value
+    if type(value) in SCALARS:
+        return _number(value, at, found)
     if isinstance(value, str | bool | None):
         return value
     if isinstance(value, np.generic):
@@ -98,7 +104,7 @@ def _plain(value: Any, at: tuple[str | int, ...], found: list[Fault]) -> Any:
         for key in getattr(value, "repeated", ()):
             why = f"the key {key!r} is written twice; keep one"
             found.append(Fault(pointer(*at, key), "duplicate_key", why))
-        return {str(k): _plain(v, (*at, str(k)), found) for k, v in value.items()}
+        return {(k := str(key)): _plain(v, (*at, k), found) for key, v in value.items()}
     if isinstance(value, list | tuple):
         if len(value) >= MANY_ROWS and (array := _rows(value)) is not None:
             return array

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from matiere.errors import AssetChanged, Cancelled, Fault, SceneValidationError, pointer
 from matiere.scene import references
 from matiere.scene.assets import AssetRoot
+from matiere.scene.document import SCALARS
 from matiere.scene.materials import MaterialModel
 from matiere.scene.model import SceneModel
 
@@ -198,6 +199,8 @@ def _file_tree(material: MaterialModel) -> dict[str, Any]:
 
 def given(value: Any) -> Any:
     """Return a model as plain JSON values: only the keys that were given, arrays as lists."""
+    if type(value) in SCALARS:
+        return value
     if isinstance(value, BaseModel):
         names = [name for name in type(value).model_fields if name in value.model_fields_set]
         return {name: given(getattr(value, name)) for name in names}
