@@ -18,7 +18,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from matiere.jobs import quota
+from matiere.jobs import procfs, quota
 from matiere.jobs.datadir import DataDir
 from matiere.jobs.errors import Busy, JobsError
 from matiere.jobs.job import JsonDict
@@ -35,6 +35,7 @@ SLICE = 200  # rows or files of one transaction
 EVENT_SLICE = 5000
 FORGOTTEN = 5000  # films that are looked at together
 COLLECT_EVERY_S = 600.0
+TRIM_EVERY_S = 20.0
 RECENT_S = 60.0  # a film of use a moment ago is never evicted
 HOLD_WAIT_S = 30.0
 
@@ -322,11 +323,15 @@ class Janitor(threading.Thread):
         if self._leads():
             before = self._storage.strangers_before(self._begun)
             self._try(lambda: self._storage.remove_strangers(before, self._ended.is_set))
+        collected = time.monotonic()
         while not self._ended.is_set():
-            self._wanted.wait(COLLECT_EVERY_S)
+            wanted = self._wanted.wait(TRIM_EVERY_S)
             self._wanted.clear()
-            if not self._ended.is_set() and self._leads():
+            procfs.give_back_memory()
+            due = wanted or time.monotonic() - collected > COLLECT_EVERY_S
+            if due and not self._ended.is_set() and self._leads():
                 self._try(self._storage.collect)
+                collected = time.monotonic()
                 self._ended.wait(1.0)  # a disk that stays low asks again and again
 
     def _try(self, action: Callable[[], object]) -> None:
